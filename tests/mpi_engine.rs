@@ -91,7 +91,24 @@ fn run(comm: &Comm) -> Vec<String> {
     if let Err(e) = disagreement(comm, &triangles) {
         failures.push(e);
     }
+    failures.extend(whole(comm, &triangles).err());
     failures
+}
+
+/// A kind that needs all nodes on one rank says so on several, and runs on one.
+fn whole(comm: &Comm, mesh: &Mesh) -> std::result::Result<(), String> {
+    let mut spec = spec(2, 0, 0, 0);
+    spec.architecture.kind = Kind::GUNet { levels: 3 };
+    let ranks = sample::strips(mesh.n_cells(), comm.size());
+    match (comm.size(), compare(comm, mesh, &ranks, spec, &SessionOptions::default())) {
+        (1, Ok(0.0)) => Ok(()),
+        (2.., Err(Error::Model(m)))
+            if m.contains("kind g-u-net") && m.contains("run the solver in serial") =>
+        {
+            Ok(())
+        }
+        (size, other) => Err(format!("g-u-net on {size} ranks gave {other:?}")),
+    }
 }
 
 /// Largest difference of two steps from serial, relative to the largest value; the labels must be the same.

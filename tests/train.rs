@@ -127,9 +127,14 @@ fn every_kind_learns_one_trajectory_by_heart() {
     for (file, split) in [("000.h5", Split::Train), ("001.h5", Split::Valid)] {
         sample::write_trajectory(&data.join(file), 0, split, 8).unwrap();
     }
-    for (kind, depth) in
-        [("m4gn", ""), ("eagle", ""), ("mesh-graph-net", "layers"), ("gcn", "layers"), ("bsms-gnn", "levels")]
-    {
+    for (kind, depth) in [
+        ("m4gn", ""),
+        ("eagle", ""),
+        ("mesh-graph-net", "layers"),
+        ("gcn", "layers"),
+        ("bsms-gnn", "levels"),
+        ("g-u-net", "levels"),
+    ] {
         let config = config_of(kind, depth)
             .replace("width = 16", "width = 32")
             .replace("{ U = 0.01, p = 0.01 }", "{}")
@@ -155,6 +160,7 @@ fn every_kind_is_trained_saved_and_validated() {
         ("gcn", "layers", "2 graph convolutions"),
         ("mesh-graph-net", "layers", "2 message-passing layers"),
         ("bsms-gnn", "levels", "5 message-passing layers on 2 coarser graphs"),
+        ("g-u-net", "levels", "5 message-passing layers on 2 coarser graphs"),
         ("eagle", "", "1 + 1 message-passing layers"),
     ] {
         std::fs::write(folder.path().join("config.toml"), config_of(kind, depth)).unwrap();

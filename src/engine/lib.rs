@@ -40,7 +40,7 @@ pub use profile::{Phase, Profile};
 use kernels::Bf16;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::Model;
+use m4gn_model::{Model, ModelSpec};
 use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
 use network::Network;
@@ -103,6 +103,7 @@ impl Engine {
         keep_encoded: usize,
     ) -> Result<Self> {
         check(model, &structure.graph)?;
+        check_precision(&model.spec, options.precision)?;
         Ok(Engine(match options.precision {
             Precision::Fp32 => Inner::Fp32(Box::new(Network::new(model, structure, options, keep_encoded)?)),
             Precision::Bf16 => Inner::Bf16(Box::new(Network::new(model, structure, options, keep_encoded)?)),
@@ -170,6 +171,11 @@ fn check(model: &Model, graph: &Graph) -> Result<()> {
         )));
     }
     check_edges(graph)
+}
+
+/// Whether a network can be computed in this precision.
+fn check_precision(spec: &ModelSpec, precision: Precision) -> Result<()> {
+    ModelSpec { precision, ..spec.clone() }.check()
 }
 
 /// Whether the graph's edges join its nodes.

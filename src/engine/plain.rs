@@ -100,6 +100,51 @@ impl Plain<'_> {
         }
     }
 
+    /// Gao and Ji 2019, from a graph downwards: who hears whom, and the features of these edges.
+    fn u_net(&self, l: usize, graph: &Graph, features: &Rows, h: &mut Rows) {
+        let layers = self.0.spec.architecture.layers();
+        self.pass_features(l, graph, features, h);
+        if 2 * l + 1 == layers {
+            return;
+        }
+        let p = self.tensor(&format!("processor.{l}.score.weight"));
+        let length = p.iter().map(|p| p * p).sum::<f64>().sqrt();
+        let score: Vec<f64> = h.iter().map(|h| h.iter().zip(&p).map(|(h, p)| h * p / length).sum()).collect();
+        // The nodes with the largest scores, and who of them can be reached in two steps, one of which may be none.
+        let mut order: Vec<usize> = (0..h.len()).collect();
+        order.sort_by(|&a, &b| score[b].total_cmp(&score[a]));
+        let mut kept = order[..h.len().div_ceil(2)].to_vec();
+        kept.sort();
+        let none = vec![0.0; features.first().map_or(0, Vec::len)];
+        let mut steps = vec![vec![None; h.len()]; h.len()];
+        (0..h.len()).for_each(|i| steps[i][i] = Some(&none));
+        for (e, x) in features.iter().enumerate() {
+            steps[graph.receivers[e] as usize][graph.senders[e] as usize] = Some(x);
+        }
+        let (mut coarse, mut below) = (Rows::new(), Graph { row: vec![0], ..graph.clone() });
+        (below.senders, below.receivers) = (Vec::new(), Vec::new());
+        for (new_r, &r) in kept.iter().enumerate() {
+            for (new_s, &s) in kept.iter().enumerate().filter(|(_, s)| **s != r) {
+                let ways = (0..h.len()).filter_map(|m| Some((steps[r][m]?, steps[m][s]?)));
+                let halves: Rows =
+                    ways.map(|(a, b)| a.iter().zip(b).map(|(a, b)| 0.5 * (a + b)).collect()).collect();
+                if halves.is_empty() {
+                    continue;
+                }
+                let mean =
+                    (0..none.len()).map(|c| halves.iter().map(|x| x[c]).sum::<f64>() / halves.len() as f64);
+                coarse.push(mean.collect());
+                below.senders.push(new_s as i32);
+                below.receivers.push(new_r as i32);
+            }
+        }
+        let gated = |&i: &usize| h[i].iter().map(|h| h * score[i].tanh()).collect();
+        let mut inner: Rows = kept.iter().map(gated).collect();
+        self.u_net(l + 1, &below, &coarse, &mut inner);
+        kept.iter().zip(inner).for_each(|(&i, x)| add(&mut h[i], &x));
+        self.pass_features(layers - 1 - l, graph, features, h);
+    }
+
     /// eq. 1 of the edges.
     fn edges(&self, graph: &Graph) -> Rows {
         let features = graph.edge_features.chunks(self.0.spec.n_edge_features());
@@ -276,6 +321,12 @@ pub fn forward(model: &Model, structure: &Structure, inputs: &[f32]) -> Vec<f64>
         }
         Kind::Gcn { layers } => {
             (0..*layers).for_each(|l| net.convolve(l, graph, &mut h));
+            vec![vec![]; h.len()]
+        }
+        Kind::GUNet { .. } => {
+            let features = graph.edge_features.chunks(spec.n_edge_features());
+            let features: Rows = features.map(|x| net.normalise("edge", x)).collect();
+            net.u_net(0, graph, &features, &mut h);
             vec![vec![]; h.len()]
         }
         Kind::BsmsGnn { .. } => {

@@ -81,6 +81,12 @@ pub enum Kind {
         /// Coarser graphs, by bi-stride pooling.
         levels: usize,
     },
+    /// g-U-Net (Gao and Ji 2019) of the layers of [`Kind::BsmsGnn`]: the nodes of a coarser graph are the half with the largest scores, a
+    /// learned projection of their latents, of which tanh is their gate.
+    GUNet {
+        /// Coarser graphs.
+        levels: usize,
+    },
     /// EAGLE (Janny et al. 2023): as [`Kind::M4gn`], with a gated recurrent unit over the nodes of a segment in place of their mean, and a
     /// decoder that reads the nodes' latents alone.
     Eagle(M4gn),
@@ -97,6 +103,8 @@ pub struct Needs {
     pub sequences: bool,
     /// Coarser graphs.
     pub levels: usize,
+    /// All nodes on one rank.
+    pub whole: bool,
 }
 
 /// Names of the kinds, in configurations and model files.
@@ -111,6 +119,8 @@ pub enum KindName {
     Gcn,
     /// [`Kind::BsmsGnn`]
     BsmsGnn,
+    /// [`Kind::GUNet`]
+    GUNet,
     /// [`Kind::Eagle`]
     Eagle,
 }
@@ -137,6 +147,7 @@ impl Architecture {
             Kind::MeshGraphNet { .. } => KindName::MeshGraphNet,
             Kind::Gcn { .. } => KindName::Gcn,
             Kind::BsmsGnn { .. } => KindName::BsmsGnn,
+            Kind::GUNet { .. } => KindName::GUNet,
             Kind::Eagle(_) => KindName::Eagle,
         }
     }
@@ -172,13 +183,13 @@ impl Architecture {
         match &self.kind {
             Kind::M4gn(m) | Kind::Eagle(m) => m.layers_before + m.layers_after,
             Kind::MeshGraphNet { layers } | Kind::Gcn { layers } => *layers,
-            Kind::BsmsGnn { levels } => 2 * levels + 1,
+            Kind::BsmsGnn { levels } | Kind::GUNet { levels } => 2 * levels + 1,
         }
     }
 
     /// Whether edges have latents, which a layer passes on to the next one; else its messages are made of the edges' features.
     pub fn edge_latents(&self) -> bool {
-        !matches!(self.kind, Kind::BsmsGnn { .. })
+        !matches!(self.kind, Kind::BsmsGnn { .. } | Kind::GUNet { .. })
     }
 
     /// What the network needs of the structure that it lives on.
@@ -191,6 +202,7 @@ impl Architecture {
                 Kind::BsmsGnn { levels } => levels,
                 _ => 0,
             },
+            whole: matches!(self.kind, Kind::GUNet { .. }),
         }
     }
 }
@@ -210,7 +222,7 @@ pub struct ArchitectureKeys {
     /// Of a network without a macro stage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub layers: Option<usize>,
-    /// As [`Kind::BsmsGnn::levels`].
+    /// As [`Kind::BsmsGnn::levels`], or [`Kind::GUNet::levels`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub levels: Option<usize>,
     /// As [`M4gn::layers_before`].
@@ -260,7 +272,7 @@ impl TryFrom<ArchitectureKeys> for Architecture {
                     ));
                 }
                 let (key, own, other) = match kind {
-                    KindName::BsmsGnn => ("levels", keys.levels, ("layers", keys.layers)),
+                    KindName::BsmsGnn | KindName::GUNet => ("levels", keys.levels, ("layers", keys.layers)),
                     _ => ("layers", keys.layers, ("levels", keys.levels)),
                 };
                 for (another, found) in [("layers_before", keys.layers_before), other] {
@@ -274,6 +286,7 @@ impl TryFrom<ArchitectureKeys> for Architecture {
                 match kind {
                     KindName::Gcn => Kind::Gcn { layers: count },
                     KindName::BsmsGnn => Kind::BsmsGnn { levels: count },
+                    KindName::GUNet => Kind::GUNet { levels: count },
                     _ => Kind::MeshGraphNet { layers: count },
                 }
             }
@@ -307,7 +320,7 @@ impl From<Architecture> for ArchitectureKeys {
                 keys.segment_transformer = Some(m.segment_transformer);
             }
             Kind::MeshGraphNet { layers } | Kind::Gcn { layers } => keys.layers = Some(layers),
-            Kind::BsmsGnn { levels } => keys.levels = Some(levels),
+            Kind::BsmsGnn { levels } | Kind::GUNet { levels } => keys.levels = Some(levels),
         }
         keys
     }
@@ -321,6 +334,7 @@ impl KindName {
             KindName::MeshGraphNet => "mesh-graph-net",
             KindName::Gcn => "gcn",
             KindName::BsmsGnn => "bsms-gnn",
+            KindName::GUNet => "g-u-net",
             KindName::Eagle => "eagle",
         }
     }
@@ -342,6 +356,7 @@ mod tests {
             Kind::MeshGraphNet { layers: 3 },
             Kind::Gcn { layers: 2 },
             Kind::BsmsGnn { levels: 4 },
+            Kind::GUNet { levels: 2 },
             Kind::Eagle(a.m4gn().unwrap().clone()),
         ];
         for kind in [a.kind.clone()].into_iter().chain(others) {

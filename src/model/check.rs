@@ -1,6 +1,6 @@
 //! What a model's description must satisfy before anything is made from it.
 
-use super::{Architecture, Kind, MacroSpec, ModelSpec, Output};
+use super::{Architecture, Kind, MacroSpec, ModelSpec, Output, Precision};
 use m4gn_mesh::{Error, Result};
 
 /// Version of the header schema that this library reads and writes.
@@ -48,6 +48,12 @@ impl ModelSpec {
         self.check_fields()?;
         self.check_node_types()?;
         self.architecture.verify()?;
+        expect(!self.architecture.needs().whole || self.precision == Precision::Fp32, || {
+            format!(
+                "precision: kind {} keeps the nodes of the largest scores, and rounding to bf16 would keep others; use \"fp32\"",
+                self.architecture.name().name()
+            )
+        })?;
         self.segments.check().map_err(|e| e.to_string())
     }
 
@@ -146,7 +152,8 @@ impl ModelSpec {
                 self.architecture.name().name()
             )
         })?;
-        expect(self.architecture.needs().levels == 0, || {
+        let moves = self.architecture.edge_latents();
+        expect(moves, || {
             format!(
                 "kind {}: its coarser graphs stay, and the edges of bodies with [contact] move; use \"m4gn\" or \"mesh-graph-net\"; \
                  {WITHOUT_CONTACT}",
@@ -180,7 +187,7 @@ impl Architecture {
         within("hidden_layers", self.hidden_layers, 1, 16)?;
         match &self.kind {
             Kind::MeshGraphNet { layers } | Kind::Gcn { layers } => within("layers", *layers, 0, MAX_LAYERS),
-            Kind::BsmsGnn { levels } => within("levels", *levels, 1, MAX_LEVELS),
+            Kind::BsmsGnn { levels } | Kind::GUNet { levels } => within("levels", *levels, 1, MAX_LEVELS),
             Kind::M4gn(m) | Kind::Eagle(m) => {
                 let MacroSpec { layers, heads, ffn_width, rwse_steps, .. } = &m.segment_transformer;
                 within("layers_before", m.layers_before, 0, MAX_LAYERS)?;
@@ -210,7 +217,7 @@ fn expect(ok: bool, message: impl FnOnce() -> String) -> Verdict {
 #[cfg(test)]
 mod tests {
     use crate::sample::{bodies, spec};
-    use crate::{Calibration, ContactSpec, Growth, Kind, MacroSpec, Output};
+    use crate::{Calibration, ContactSpec, Growth, Kind, MacroSpec, Output, Precision};
     use m4gn_mesh::NodeType;
 
     fn grows(fields: &[&str]) -> Option<Calibration> {
@@ -222,7 +229,7 @@ mod tests {
     fn refuses_what_no_network_can_be_made_of() {
         assert!(spec().check().is_ok());
         type Change = fn(&mut crate::ModelSpec);
-        let broken: [(&str, Change); 21] = [
+        let broken: [(&str, Change); 22] = [
             ("format", |s| s.format = 2),
             ("dim", |s| s.dim = 1),
             ("stride", |s| s.stride = f64::NAN),
@@ -243,6 +250,9 @@ mod tests {
                 let mut stage = s.architecture.m4gn().unwrap().clone();
                 stage.layers_after = 0;
                 s.architecture.kind = Kind::Eagle(stage);
+            }),
+            ("kind g-u-net keeps", |s| {
+                (s.precision, s.architecture.kind) = (Precision::Bf16, Kind::GUNet { levels: 1 });
             }),
             ("hidden_layers", |s| s.architecture.hidden_layers = 0),
             ("no field is an input", |s| {
@@ -274,6 +284,11 @@ mod tests {
             ("reads no edges", {
                 let mut s = bodies();
                 s.architecture.kind = Kind::Gcn { layers: 1 };
+                s
+            }),
+            ("g-u-net", {
+                let mut s = bodies();
+                s.architecture.kind = Kind::GUNet { levels: 1 };
                 s
             }),
             ("bsms-gnn", {

@@ -40,6 +40,10 @@ impl Model {
             }
             Kind::MeshGraphNet { layers } => list.messages(spec, *layers),
             Kind::BsmsGnn { .. } => list.layers(spec.n_edge_features(), a.layers()),
+            Kind::GUNet { levels } => {
+                list.layers(spec.n_edge_features(), a.layers());
+                (0..*levels).for_each(|l| list.add(format!("processor.{l}.score.weight"), &[1, d]));
+            }
             Kind::Gcn { layers } => {
                 (0..*layers).for_each(|l| list.linear(&format!("processor.{l}.convolution"), d, d));
             }
@@ -278,6 +282,9 @@ mod tests {
         let shapes = Model::tensor_shapes(&s);
         assert_eq!(shapes["processor.4.edge.0.weight"], [8, 3 + 16]);
         assert_eq!(shapes.len(), 6 + 5 * 12 + 4 + 6);
+        s.architecture.kind = Kind::GUNet { levels: 2 };
+        let shapes = Model::tensor_shapes(&s);
+        assert_eq!((&shapes["processor.1.score.weight"][..], shapes.len()), (&[1, 8][..], 76 + 2));
     }
 
     #[test]

@@ -27,7 +27,8 @@ pub struct Transfer {
 }
 
 impl Transfer {
-    fn new(rows: impl Iterator<Item = Vec<(i32, f64)>>) -> Self {
+    /// Of the terms of each row.
+    pub(super) fn new(rows: impl Iterator<Item = Vec<(i32, f64)>>) -> Self {
         let mut transfer = Transfer { row: vec![0], from: Vec::new(), weight: Vec::new() };
         for row in rows {
             transfer.from.extend(row.iter().map(|(from, _)| from));

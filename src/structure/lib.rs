@@ -20,6 +20,7 @@ mod record;
 mod sequence;
 mod slic;
 mod structure;
+mod top_k;
 mod walk;
 
 pub use levels::{Level, Transfer};
@@ -29,6 +30,7 @@ pub use quality::{Dissimilarity, Quality, quality};
 pub use record::{Record, misfit};
 pub use sequence::Sequence;
 pub use structure::Structure;
+pub use top_k::Pooled;
 
 use cell_graph::Root;
 use graph::Graph;

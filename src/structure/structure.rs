@@ -27,7 +27,8 @@ impl Structure {
     /// this rank's cells if `labels` give it. Collective; all ranks fail together.
     ///
     /// # Errors
-    /// [`Error::Mesh`] for a mesh that no graph can be made of; as [`segment`].
+    /// [`Error::Mesh`] for a mesh that no graph can be made of; [`Error::Model`] for a network that needs all nodes on one rank, where there
+    /// are several; as [`segment`].
     pub fn new(
         mesh: &Mesh,
         spec: &ModelSpec,
@@ -36,8 +37,16 @@ impl Structure {
         labels: Option<&[i32]>,
         comm: &Comm,
     ) -> Result<Self> {
-        let mut graph = Graph::new(mesh, comm)?;
         let needs = spec.architecture.needs();
+        if needs.whole && comm.size() > 1 {
+            return Err(Error::Model(format!(
+                "kind {}: its coarser graphs are made of the scores of all nodes, in each step, on one rank; found {}: run the solver in \
+                 serial, or train another kind",
+                spec.architecture.name().name(),
+                comm.size()
+            )));
+        }
+        let mut graph = Graph::new(mesh, comm)?;
         let levels = bi_stride(mesh, &mut graph, needs.levels, comm)?;
         let segments = match needs.segments {
             true => {

@@ -57,7 +57,7 @@ pub struct ModelConfig {
     /// Layers of a network without a macro stage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub layers: Option<usize>,
-    /// Coarser graphs of kind `bsms-gnn`.
+    /// Coarser graphs of kinds `bsms-gnn` and `g-u-net`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub levels: Option<usize>,
     /// Message-passing layers before the macro stage.

@@ -45,6 +45,8 @@ pub struct Topology {
     pub position: Option<Tensor>,
     /// Coarser graphs, the finest first.
     pub levels: Vec<Level>,
+    /// Graph of each node.
+    pub part: Vec<u32>,
 }
 
 /// What a recurrence reads of each segment.
@@ -101,6 +103,7 @@ impl Topology {
             sequence: self.sequence.as_ref().map(Sequence::share),
             position: clone(&self.position),
             levels: self.levels.iter().map(Level::share).collect(),
+            part: self.part.clone(),
         }
     }
 
@@ -180,6 +183,12 @@ impl<'a> Network<'a> {
     pub(crate) fn dispatch(&self, h: &Rows, context: &Tensor) -> Rows {
         let both = Tensor::cat(&[&h.full, context], 1);
         self.rows(&h.full + float(&self.linear("segment.dispatch", &both)))
+    }
+
+    /// Scores of the nodes at a level of a graph U-net `[N x 1]`.
+    pub(crate) fn scores(&self, level: usize, h: &Rows) -> Tensor {
+        let p = self.weights.full(&format!("processor.{level}.score.weight"));
+        h.full.matmul(&(p / p.norm()).tr())
     }
 
     /// f(W a + b) of a graph convolution.

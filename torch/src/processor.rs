@@ -1,7 +1,9 @@
 //! What stands between the encoder of the nodes and the decoder, on libtorch: one implementation a kind of network.
 
-use crate::network::{Network, Rows, Topology, pick, sum_into};
+use crate::contact::host;
+use crate::network::{Links, Network, Rows, Topology, pick, sum_into};
 use m4gn_model::{Architecture, Kind, M4gn};
+use m4gn_structure::Pooled;
 use tch::Tensor;
 
 /// The network between its encoder and its decoder.
@@ -17,6 +19,7 @@ pub fn of(architecture: &Architecture) -> Box<dyn Processor + '_> {
         Kind::MeshGraphNet { layers } => Box::new(Messages(*layers)),
         Kind::Gcn { layers } => Box::new(Convolutions(*layers)),
         Kind::BsmsGnn { levels } => Box::new(BiStride(*levels)),
+        Kind::GUNet { levels } => Box::new(GraphUNet(*levels)),
     }
 }
 
@@ -100,6 +103,86 @@ impl Processor for BiStride {
             h = network.rows(sum_into(links[l].nodes, &terms, &level.finer));
             network.feature_passing(2 * self.0 - l, links[l], &mut h, &features[l]);
             h = network.rows(h.full + before);
+        }
+        h.full.narrow(0, 0, graph.cells)
+    }
+}
+
+/// g-U-Net (Gao and Ji 2019), on so many coarser graphs.
+struct GraphUNet(usize);
+
+/// A graph as it is at a step, its features, and which nodes of the finer one it has.
+struct Floor {
+    nodes: i64,
+    ends: [Vec<i32>; 2],
+    senders: Tensor,
+    receivers: Tensor,
+    features: Tensor,
+    part: Vec<u32>,
+    kept: Option<Tensor>,
+}
+
+impl Floor {
+    fn links(&self) -> Links<'_> {
+        Links { nodes: self.nodes, senders: &self.senders, receivers: &self.receivers }
+    }
+
+    /// The graph of the nodes with the largest scores.
+    fn below(&self, scores: &Tensor) -> Self {
+        let device = scores.device();
+        // Scores are finite numbers in fp32, which can be read.
+        let scores = host(scores).unwrap_or_default();
+        let Pooled { kept, graph, edges } = Pooled::new((&self.ends[0], &self.ends[1]), &self.part, &scores);
+        let index = |list: Vec<i64>| Tensor::from_slice(&list).to_device(device);
+        let wide = |list: &[i32]| index(list.iter().map(|&i| i64::from(i)).collect());
+        let rows = 0..graph.senders.len();
+        let row = rows.flat_map(|e| edges.terms(e).map(move |_| e as i64)).collect();
+        let share = Tensor::from_slice(&edges.weight).view([-1, 1]).to_device(device);
+        let terms = pick(&self.features, &wide(&edges.from)) * share;
+        Floor {
+            nodes: kept.len() as i64,
+            senders: wide(&graph.senders),
+            receivers: wide(&graph.receivers),
+            features: sum_into(graph.senders.len() as i64, &terms, &index(row)),
+            part: kept.iter().map(|&i| self.part[i as usize]).collect(),
+            kept: Some(index(kept.iter().map(|&i| i64::from(i)).collect())),
+            ends: [graph.senders, graph.receivers],
+        }
+    }
+}
+
+impl Processor for GraphUNet {
+    fn run(&self, network: &Network, graph: &Topology, mut h: Rows, edges: &Tensor) -> Tensor {
+        let list =
+            |t: &Tensor| Vec::<i64>::try_from(t).unwrap_or_default().iter().map(|&i| i as i32).collect();
+        let mut floors = vec![Floor {
+            nodes: graph.nodes,
+            ends: [list(&graph.senders), list(&graph.receivers)],
+            senders: graph.senders.shallow_clone(),
+            receivers: graph.receivers.shallow_clone(),
+            features: edges.shallow_clone(),
+            part: graph.part.clone(),
+            kept: None,
+        }];
+        let mut left = Vec::new();
+        for l in 0..=self.0 {
+            network.feature_passing(l, floors[l].links(), &mut h, &floors[l].features);
+            if l < self.0 {
+                let scores = network.scores(l, &h);
+                let below = floors[l].below(&scores.detach().view([-1]));
+                if let Some(kept) = &below.kept {
+                    left.push(h.full.shallow_clone());
+                    h = network.rows(pick(&h.full, kept) * pick(&scores, kept).tanh());
+                }
+                floors.push(below);
+            }
+        }
+        for (l, before) in left.iter().enumerate().rev() {
+            let floor = &floors[l];
+            if let Some(kept) = &floors[l + 1].kept {
+                h = network.rows(before + sum_into(floor.nodes, &h.full, kept));
+            }
+            network.feature_passing(2 * self.0 - l, floor.links(), &mut h, &floor.features);
         }
         h.full.narrow(0, 0, graph.cells)
     }

@@ -144,6 +144,7 @@ impl HostGraph {
         let (mut segment_weight, mut position) = (vec![], vec![]);
         let mut sequences: Vec<Vec<i64>> = Vec::new();
         let (mut fixed, mut node_weight) = (vec![0f32; nodes * width], vec![0f32; nodes]);
+        let mut part = vec![0; nodes];
         for (g, graph) in graphs.iter().enumerate() {
             let place = |node: i64| {
                 let node = node as usize;
@@ -160,6 +161,7 @@ impl HostGraph {
             position.extend_from_slice(&graph.position);
             for node in 0..graph.cells + graph.boundary {
                 let to = place(node as i64) as usize;
+                part[to] = g as u32;
                 node_weight[to] = graph.node_weight[node];
                 fixed[to * width..][..width].copy_from_slice(&graph.fixed[node * width..][..width]);
             }
@@ -193,6 +195,7 @@ impl HostGraph {
                 None
             },
             levels,
+            part,
         }
     }
 

@@ -70,7 +70,7 @@ fn stage(spec: &mut ModelSpec) -> &mut MacroSpec {
 /// What differs from [`spec`].
 type Change = fn(&mut ModelSpec);
 
-const SWITCHES: [(&str, Change); 17] = [
+const SWITCHES: [(&str, Change); 18] = [
     ("all", |_| ()),
     ("one hidden layer", |s| s.architecture.hidden_layers = 1),
     ("three hidden layers", |s| s.architecture.hidden_layers = 3),
@@ -89,6 +89,7 @@ const SWITCHES: [(&str, Change); 17] = [
     }),
     ("gcn", |s| s.architecture.kind = Kind::Gcn { layers: 2 }),
     ("bsms-gnn", |s| s.architecture.kind = Kind::BsmsGnn { levels: 3 }),
+    ("g-u-net", |s| s.architecture.kind = Kind::GUNet { levels: 3 }),
     ("eagle", |s| {
         let mut stage = s.architecture.m4gn().unwrap().clone();
         stage.layers_after = 1;
@@ -284,7 +285,10 @@ fn gradients_in_bf16_are_those_of_libtorch() {
     for (name, change) in SWITCHES {
         let mut spec = spec();
         change(&mut spec);
-        compare(name, &spec, &flows(&spec), Precision::Bf16, 5e-2);
+        // A kind that chooses nodes by their latents is refused in bf16.
+        if !spec.architecture.needs().whole {
+            compare(name, &spec, &flows(&spec), Precision::Bf16, 5e-2);
+        }
     }
 }
 

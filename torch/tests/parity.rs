@@ -168,6 +168,7 @@ fn native_engine_and_tch_model_agree() {
         (network(m4gn_model::Kind::Gcn { layers: 2 }, Activation::Silu, 1), 0),
         (network(m4gn_model::Kind::BsmsGnn { levels: 3 }, Activation::Relu, 2), 0),
         (network(m4gn_model::Kind::BsmsGnn { levels: 9 }, Activation::Silu, 1), 0),
+        (network(m4gn_model::Kind::GUNet { levels: 4 }, Activation::Silu, 1), 0),
         (network(eagle(2, 1, stage(2, 3)), Activation::Relu, 1), 0),
         (network(eagle(1, 2, stage(1, 0)), Activation::Silu, 2), 2),
         (network(m4gn(3, 0, stage(2, 0)), Activation::Relu, 2), 0),

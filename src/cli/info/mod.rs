@@ -233,7 +233,7 @@ fn model(path: &Path) -> Result<(String, Value)> {
         }
         Kind::MeshGraphNet { layers } => format!("{layers} message-passing layers"),
         Kind::Gcn { layers } => format!("{layers} graph convolutions"),
-        Kind::BsmsGnn { levels } => {
+        Kind::BsmsGnn { levels } | Kind::GUNet { levels } => {
             format!("{} message-passing layers on {levels} coarser graphs", a.layers())
         }
     };

@@ -168,6 +168,17 @@ impl TrainGraph {
         &self.edge_features
     }
 
+    /// Sender and receiver of each edge, by the graph's numbers.
+    pub(super) fn ends(&self) -> (Vec<i32>, Vec<i32>) {
+        let order = &self.order;
+        let (mut senders, mut receivers) = (vec![0; self.n_edges()], vec![0; self.n_edges()]);
+        for (&edge, (&s, &r)) in order.edge.iter().zip(order.senders.iter().zip(&order.receivers)) {
+            let number = |place: i32| order.node[place as usize] as i32;
+            (senders[edge as usize], receivers[edge as usize]) = (number(s), number(r));
+        }
+        (senders, receivers)
+    }
+
     /// Segments, 0 without a macro stage.
     pub fn n_segments(&self) -> usize {
         self.members.as_ref().map_or(0, |m| m.count)

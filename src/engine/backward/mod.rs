@@ -16,6 +16,7 @@ mod convolution;
 mod dispatch;
 mod encoder_decoder;
 mod graph;
+mod graph_u_net;
 mod layer;
 mod layout;
 mod messages;
@@ -38,6 +39,7 @@ use super::kernels::{Bf16, Number};
 use super::{Isa, Precision};
 use bi_stride::BiStride;
 use convolution::Convolutions;
+use graph_u_net::GraphUNet;
 use m4gn_mesh::Result;
 use m4gn_model::{Kind, ModelSpec};
 use messages::Messages;
@@ -196,6 +198,7 @@ fn of_kind<T: Number>(spec: &ModelSpec, isa: Isa) -> Result<Box<dyn AnyNetwork>>
         }
         Kind::Gcn { .. } => Box::new(Network::<T, Convolutions<T>>::new(spec, isa)?),
         Kind::BsmsGnn { .. } => Box::new(Network::<T, BiStride<T>>::new(spec, isa)?),
+        Kind::GUNet { .. } => Box::new(Network::<T, GraphUNet<T>>::new(spec, isa)?),
     })
 }
 
@@ -206,6 +209,7 @@ impl Trainable {
     /// [`m4gn_mesh::Error::Model`] for a shape beyond a model's limits.
     pub fn new(spec: &ModelSpec, precision: Precision, isa: Option<Isa>) -> Result<Self> {
         let isa = isa.unwrap_or_else(Isa::detect);
+        super::check_precision(spec, precision)?;
         Ok(Trainable(match precision {
             Precision::Fp32 => of_kind::<f32>(spec, isa)?,
             Precision::Bf16 => of_kind::<Bf16>(spec, isa)?,

@@ -166,6 +166,11 @@ fn specs() -> Vec<(String, ModelSpec, bool)> {
             (s.architecture.kind, s.architecture.width) = (Kind::Eagle(m4gn(s).clone()), width);
         });
     }
+    for (levels, width) in [(1, 8), (3, 20)] {
+        add("g-u-net", false, &|s| {
+            (s.architecture.kind, s.architecture.width) = (Kind::GUNet { levels }, width);
+        });
+    }
     add("values", false, &|s| {
         s.fields[0].output = Output::Value;
         s.fields[1].output = Output::None;
@@ -246,7 +251,8 @@ fn instruction_sets_and_precisions_agree() {
             assert!(off < 1e-5, "{name}, {}: {off:e}", isa.name());
             assert!(distance(&inputs.nodes, &by_inputs.nodes) < 1e-5);
             // A few units of eight bits say little about narrow networks; libtorch's bf16 is compared in torch/tests.
-            if case.model.spec.architecture.width < 20 {
+            let a = &case.model.spec.architecture;
+            if a.width < 20 || a.needs().whole {
                 continue;
             }
             let (_, found, _) = case.gradient(Precision::Bf16, isa);

@@ -204,10 +204,10 @@ pub struct Vector {
 }
 
 impl Vector {
-    /// The tensor of this name.
+    /// The tensor of this name, of one row.
     pub fn new(slots: &mut Slots, name: &str) -> Result<Self> {
         let (start, shape) = slots.layout.find(name)?;
-        let n = shape[0];
+        let n = shape.iter().product();
         let slot = slots.add(Slot { rows: 1, columns: padded(n), pieces: vec![(0, start, n)], stride: n });
         Ok(Vector { slot, data: vec![0.0; padded(n)], start, n })
     }

@@ -29,7 +29,7 @@ pub struct BiStride<T> {
 
 /// What a layer needs of a graph, beside its grid.
 #[derive(Debug)]
-struct Floor<T> {
+pub struct Floor<T> {
     /// Normalised features of the edges, rows of the padded width.
     features: Buffer<T>,
     /// Ws h of all local nodes, ghosts included.
@@ -137,7 +137,7 @@ impl<T: Number + Element> Grid<T> {
 
 impl<T: Number + Element> Floor<T> {
     /// Without edges.
-    fn of_nodes(grid: &Grid<T>) -> Self {
+    pub fn of_nodes(grid: &Grid<T>) -> Self {
         Floor {
             features: Buffer::new(0),
             projected: Buffer::new(grid.n_local * grid.columns),
@@ -147,7 +147,7 @@ impl<T: Number + Element> Floor<T> {
     }
 
     /// With the features of the edges, of which the grid then forgets the order.
-    fn new(grid: &mut Grid<T>, of_edges: &[f32], (mean, scale): &(Vec<f32>, Vec<f32>)) -> Self {
+    pub fn new(grid: &mut Grid<T>, of_edges: &[f32], (mean, scale): &(Vec<f32>, Vec<f32>)) -> Self {
         let order = std::mem::take(&mut grid.order.edge);
         let mut floor = Floor { features: Buffer::new(order.len() * grid.columns), ..Self::of_nodes(grid) };
         features((mean, scale), of_edges, &order, grid.columns, &mut floor.features);
@@ -155,7 +155,7 @@ impl<T: Number + Element> Floor<T> {
     }
 
     /// One layer with its halo exchange.
-    fn pass(&mut self, comm: &Comm, grid: &mut Grid<T>, layer: &Layer<T>) {
+    pub fn pass(&mut self, comm: &Comm, grid: &mut Grid<T>, layer: &Layer<T>) {
         let columns = grid.columns;
         let own = &mut self.projected[..grid.n_owned * columns];
         grid.on_nodes(own, |s, _, h, out| layer.project(s, h, out));
@@ -174,7 +174,8 @@ impl<T: Number + Element> Floor<T> {
         halo.exchange_f32(comm, &mut self.latents, columns);
     }
 
-    fn bytes(&self) -> [usize; 2] {
+    /// Bytes of the features, and of all the rest.
+    pub fn bytes(&self) -> [usize; 2] {
         [self.features.bytes(), self.projected.bytes() + self.latents.bytes()]
     }
 }

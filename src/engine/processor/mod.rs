@@ -2,6 +2,7 @@
 
 mod bi_stride;
 mod convolution;
+mod graph_u_net;
 mod messages;
 
 use super::grid::Grid;
@@ -12,6 +13,8 @@ use bi_stride::BiStride;
 pub use bi_stride::features;
 use convolution::Convolutions;
 pub use convolution::scales;
+use graph_u_net::GraphUNet;
+pub use graph_u_net::{scores, unit};
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::{Comm, Element};
 use m4gn_model::{Kind, Model};
@@ -75,5 +78,6 @@ pub fn new<T: Number + Element>(
         }
         Kind::Gcn { layers } => Box::new(Convolutions::new(model, graph, grid, *layers)?),
         Kind::BsmsGnn { .. } => Box::new(BiStride::new(model, structure, grid)?),
+        Kind::GUNet { levels } => Box::new(GraphUNet::new(model, grid, *levels)?),
     })
 }

@@ -67,7 +67,7 @@ pub fn step(spec: &ModelSpec, sizes: Sizes, storage: Storage, encoded: bool) -> 
     let [edge, node, sender] = [storage.edge, storage.node, storage.sender].map(|x| x as f64);
     let layers = match a.kind {
         // Two on each graph and one on the coarsest, each with half the nodes of the one before.
-        Kind::BsmsGnn { levels } => 4.0 - 3.0 * 0.5f64.powi(levels as i32),
+        Kind::BsmsGnn { levels } | Kind::GUNet { levels } => 4.0 - 3.0 * 0.5f64.powi(levels as i32),
         _ => a.layers() as f64,
     };
     let (inputs, outputs) = (spec.n_field_inputs() as f64, spec.n_outputs() as f64);
@@ -104,9 +104,7 @@ pub fn step(spec: &ModelSpec, sizes: Sizes, storage: Storage, encoded: bool) -> 
     ];
     match &a.kind {
         Kind::Gcn { .. } => list.extend(convolved),
-        Kind::M4gn(_) | Kind::Eagle(_) | Kind::MeshGraphNet { .. } | Kind::BsmsGnn { .. } => {
-            list.extend(passed);
-        }
+        _ => list.extend(passed),
     }
     if let Some(m4gn) = a.m4gn() {
         let m = &m4gn.segment_transformer;

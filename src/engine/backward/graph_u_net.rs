@@ -1,0 +1,244 @@
+//! g-U-Net (Gao and Ji 2019), forward with what is kept, and backward. Which nodes are kept has no derivative.
+
+use super::Scales;
+use super::attention::add;
+use super::graph::TrainGraph;
+use super::layer::{Layer, LayerTape};
+use super::mlp::fit;
+use super::network::Buffers;
+use super::processor::Processor;
+use super::weights::{Gradients, Slots, Vector};
+use crate::kernels::{Buffer, Isa, Number, padded};
+use crate::order::Order;
+use crate::processor::{features, scores, unit};
+use crate::tiles;
+use m4gn_mesh::Result;
+use m4gn_model::ModelSpec;
+use m4gn_structure::{Pooled, Transfer};
+
+/// The layers of a model: down, on the coarsest graph, up; and the vectors of the scores.
+#[derive(Debug)]
+pub struct GraphUNet<T> {
+    columns: usize,
+    layers: Vec<Layer<T>>,
+    scores: Vec<Vector>,
+}
+
+/// What they keep.
+#[derive(Debug)]
+pub struct GraphUNetTape<T> {
+    layers: Vec<LayerTape<T>>,
+    /// The coarser graphs of the last forward pass.
+    below: Vec<Below>,
+    /// Of each graph: its latents; backward, derivatives by these.
+    rows: Vec<Buffer<f32>>,
+    /// Of each graph: derivatives by the features of its edges, by number.
+    by_edges: Vec<Vec<f32>>,
+}
+
+/// A coarser graph.
+#[derive(Debug)]
+struct Below {
+    order: Order,
+    senders: Vec<i32>,
+    receivers: Vec<i32>,
+    /// Normalised, by number.
+    features: Vec<f32>,
+    edges: Transfer,
+    /// Where each place stands in the finer graph, and its gate.
+    above: Vec<(usize, f32)>,
+    /// Latents before the gate.
+    latents: Vec<f32>,
+}
+
+impl<T: Number> Processor<T> for GraphUNet<T> {
+    type Tape = GraphUNetTape<T>;
+
+    fn new(isa: Isa, slots: &mut Slots, spec: &ModelSpec) -> Result<Self> {
+        let a = &spec.architecture;
+        let score = |slots: &mut Slots, l| Vector::new(slots, &format!("processor.{l}.score.weight"));
+        Ok(GraphUNet {
+            columns: padded(a.width),
+            layers: (0..a.layers()).map(|l| Layer::new(isa, slots, a, l)).collect::<Result<_>>()?,
+            scores: (0..a.layers() / 2).map(|l| score(slots, l)).collect::<Result<_>>()?,
+        })
+    }
+
+    fn load(&mut self, flat: &[f32]) {
+        self.layers.iter_mut().for_each(|l| l.load(flat));
+        self.scores.iter_mut().for_each(|s| s.load(flat));
+    }
+
+    fn bytes(&self) -> usize {
+        self.layers.iter().map(|l| l.bytes()).sum()
+    }
+
+    fn tape(&self) -> GraphUNetTape<T> {
+        GraphUNetTape {
+            layers: self.layers.iter().map(LayerTape::new).collect(),
+            below: Vec::new(),
+            rows: (0..=self.scores.len()).map(|_| Buffer::new(0)).collect(),
+            by_edges: vec![Vec::new(); self.scores.len() + 1],
+        }
+    }
+
+    fn kept(tape: &GraphUNetTape<T>) -> usize {
+        let layers: usize = tape.layers.iter().map(|l| l.bytes()).sum();
+        let below =
+            tape.below.iter().map(|b| 4 * (b.features.len() + b.latents.len() + 2 * b.edges.from.len()));
+        layers + tape.rows.iter().map(|r| r.bytes()).sum::<usize>() + below.sum::<usize>()
+    }
+
+    fn segments(_: &GraphUNetTape<T>) -> Option<&[f32]> {
+        None
+    }
+
+    fn forward(
+        &self,
+        graph: &TrainGraph,
+        scales: &Scales,
+        tape: &mut GraphUNetTape<T>,
+        work: &mut Buffers<T>,
+    ) {
+        let columns = self.columns;
+        let k = scales.edge.mean.len();
+        let (depth, size) = (self.scores.len(), graph.n_nodes() * columns);
+        let GraphUNetTape { layers, below, rows, .. } = tape;
+        let scale = (&scales.edge.mean[..], &scales.edge.inverse[..]);
+        let by_number: Vec<u32> = (0..graph.n_edges() as u32).collect();
+        let mut normed = vec![0f32; graph.n_edges() * k];
+        features(scale, &graph.edge_features, &by_number, k, &mut normed);
+        let (senders, receivers) = graph.ends();
+        let as_they_are = (&vec![0.0; k][..], &vec![1.0; k][..]);
+        below.clear();
+        fit(&mut rows[0], size);
+        rows[0][..size].copy_from_slice(&work.latents[..size]);
+        let mut layer = |number: usize, order: &Order, of_edges: &[f32], nodes: &mut [f32]| {
+            let kept = &mut layers[number];
+            kept.fit(order.node.len(), order.senders.len(), columns);
+            features(as_they_are, of_edges, &order.edge, columns, &mut kept.edges);
+            let tiles = tiles::cut::<T>(&order.row, order.n_interior);
+            self.layers[number].forward(order, &tiles, kept, &mut work.shared, nodes, None);
+        };
+        for l in 0..=depth {
+            let (order, ends, of_edges) = match below.last() {
+                None => (&graph.order, (&senders[..], &receivers[..]), &normed),
+                Some(b) => (&b.order, (&b.senders[..], &b.receivers[..]), &b.features),
+            };
+            let n = order.node.len();
+            layer(l, order, of_edges, &mut rows[l][..n * columns]);
+            let Some(p) = self.scores.get(l) else { break };
+            let (own, next) = rows.split_at_mut(l + 1);
+            let h = &own[l][..n * columns];
+            let score = scores(h, &unit(&p.data[..columns]), &order.node);
+            let Pooled { kept, graph, edges } = Pooled::new(ends, &vec![0; n], &score);
+            let (coarse, place) = (Order::new(&graph), order.places());
+            let mut of_coarse = vec![0.0; graph.senders.len() * k];
+            edges.add(0..graph.senders.len(), k, of_edges, &mut of_coarse);
+            let numbers = coarse.node.iter().map(|&i| kept[i as usize] as usize);
+            let above: Vec<_> = numbers.map(|i| (place[i] as usize * columns, score[i].tanh())).collect();
+            fit(&mut next[0], above.len() * columns);
+            let mut latents = Vec::with_capacity(above.len() * columns);
+            for (&(at, gate), to) in above.iter().zip(next[0].chunks_exact_mut(columns)) {
+                latents.extend_from_slice(&h[at..at + columns]);
+                to.iter_mut().zip(&h[at..]).for_each(|(to, h)| *to = gate * h);
+            }
+            let (senders, receivers) = (graph.senders, graph.receivers);
+            below.push(Below {
+                order: coarse,
+                senders,
+                receivers,
+                features: of_coarse,
+                edges,
+                above,
+                latents,
+            });
+        }
+        for l in (0..depth).rev() {
+            let (own, next) = rows.split_at_mut(l + 1);
+            for (&(at, _), h) in below[l].above.iter().zip(next[0].chunks_exact(columns)) {
+                add(&mut own[l][at..at + columns], h);
+            }
+            let (order, of_edges) = match l.checked_sub(1) {
+                None => (&graph.order, &normed),
+                Some(l) => (&below[l].order, &below[l].features),
+            };
+            layer(2 * depth - l, order, of_edges, &mut own[l][..order.node.len() * columns]);
+        }
+        work.latents[..size].copy_from_slice(&rows[0][..size]);
+    }
+
+    fn backward(
+        &self,
+        graph: &TrainGraph,
+        scales: &Scales,
+        tape: &mut GraphUNetTape<T>,
+        work: &mut Buffers<T>,
+        gradients: &mut Gradients,
+        edges: Option<&mut Vec<f32>>,
+    ) {
+        let columns = self.columns;
+        let k = scales.edge.mean.len();
+        let (depth, size) = (self.scores.len(), graph.n_nodes() * columns);
+        let GraphUNetTape { layers, below, rows, by_edges } = tape;
+        let Buffers { shared, d_edges, d_nodes, .. } = work;
+        rows[0][..size].copy_from_slice(&d_nodes[..size]);
+        let order = |l: usize| l.checked_sub(1).map_or(&graph.order, |l| &below[l].order);
+        for (l, d) in by_edges.iter_mut().enumerate() {
+            d.clear();
+            d.resize(order(l).senders.len() * k, 0.0);
+        }
+        let mut layer = |l: usize, number: usize, d: &mut [f32], gradients: &mut Gradients| {
+            let order = order(l);
+            let tiles = tiles::cut::<T>(&order.row, order.n_interior);
+            fit(d_edges, order.senders.len() * columns);
+            let of_edges = &mut d_edges[..order.senders.len() * columns];
+            let kept = &layers[number];
+            self.layers[number].backward(order, &tiles, kept, shared, (d, &mut *of_edges), gradients);
+            for (&edge, d) in order.edge.iter().zip(of_edges.chunks_exact(columns)) {
+                add(&mut by_edges[l][edge as usize * k..(edge as usize + 1) * k], d);
+            }
+        };
+        for l in 0..depth {
+            let n = order(l).node.len() * columns;
+            layer(l, 2 * depth - l, &mut rows[l][..n], gradients);
+            let (own, next) = rows.split_at_mut(l + 1);
+            for (&(at, _), to) in below[l].above.iter().zip(next[0].chunks_exact_mut(columns)) {
+                to.copy_from_slice(&own[l][at..at + columns]);
+            }
+        }
+        for l in (0..=depth).rev() {
+            let n = order(l).node.len() * columns;
+            layer(l, l, &mut rows[l][..n], gradients);
+            let Some(finer) = l.checked_sub(1) else { break };
+            let (above, own) = rows.split_at_mut(l);
+            let p = &self.scores[finer].data[..columns];
+            let unit = unit(p);
+            let mut d_unit = vec![0.0; columns];
+            let parts = below[finer].latents.chunks_exact(columns).zip(own[0].chunks_exact(columns));
+            for (&(at, gate), (h, d)) in below[finer].above.iter().zip(parts) {
+                let d_score = dot(d, h) * (1.0 - gate * gate);
+                let to = &mut above[finer][at..at + columns];
+                to.iter_mut().zip(d).zip(&unit).for_each(|((to, d), p)| *to += gate * d + d_score * p);
+                d_unit.iter_mut().zip(h).for_each(|(to, h)| *to += d_score * h);
+            }
+            let (along, length) = (dot(&d_unit, &unit), dot(p, p).sqrt());
+            let sum = gradients.block(self.scores[finer].slot).iter_mut();
+            sum.zip(d_unit.iter().zip(&unit)).for_each(|(sum, (d, p))| *sum += (d - along * p) / length);
+        }
+        d_nodes[..size].copy_from_slice(&rows[0][..size]);
+        let Some(edges) = edges else { return };
+        for l in (0..depth).rev() {
+            let (finer, own) = by_edges.split_at_mut(l + 1);
+            let transposed = below[l].edges.transposed(finer[l].len() / k);
+            transposed.add(0..finer[l].len() / k, k, &own[0], &mut finer[l]);
+        }
+        for (to, d) in edges.chunks_exact_mut(k).zip(by_edges[0].chunks_exact(k)) {
+            to.iter_mut().zip(d).zip(&scales.edge.inverse).for_each(|((to, d), inverse)| *to = d * inverse);
+        }
+    }
+}
+
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
