@@ -17,7 +17,7 @@ pub fn to_npz(trajectory: &Trajectory, path: &Path) -> Result<()> {
     npz::write(path, &points::arrays(trajectory)?, &whole)
 }
 
-/// Writes a series for ParaView: `NAME.pvd`, and beside it `NAME_0000.vtu` and so on, a frame each with all fields at the nodes: over the
+/// Writes a series for ParaView: `NAME.pvd`, and beside it `NAME_0000.vtu` and so on, a frame each with all fields at the nodes (and, of triangles, their `node_type`): over the
 /// triangles or the elements of which they are points (moved by a body's `D`), or as points alone.
 ///
 /// # Errors
@@ -31,6 +31,7 @@ pub fn to_vtu(trajectory: &Trajectory, path: &Path) -> Result<()> {
     };
     let frames = trajectory.fields().iter().map(|f| Ok((f, trajectory.recorded_frames(&f.name)?)));
     let fields: Vec<_> = frames.collect::<Result<_>>()?;
+    let kinds = if trajectory.triangles().is_empty() { vec![] } else { points::node_types(mesh) };
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let mut files = Vec::new();
     for (i, time) in trajectory.times().iter().enumerate() {
@@ -51,7 +52,8 @@ pub fn to_vtu(trajectory: &Trajectory, path: &Path) -> Result<()> {
             Some((_, _, d)) => moved(&mesh.cell_centres, d.as_chunks::<3>().0),
             None => mesh.cell_centres.clone(),
         };
-        let shown: Vec<_> = values.iter().map(|(name, c, v)| (*name, *c, &v[..])).collect();
+        let kinds = (!kinds.is_empty()).then_some(("node_type", 1, &kinds[..]));
+        let shown: Vec<_> = values.iter().map(|(name, c, v)| (*name, *c, &v[..])).chain(kinds).collect();
         let file = format!("{name}_{i:04}.vtu");
         write_file(&path.with_file_name(&file), grid.vtu(&places, &shown)?.as_bytes())?;
         files.push((*time, file));

@@ -1,10 +1,9 @@
 //! A file of others into trajectories of m4gn.
 
 use super::copies::Copies;
-use super::npz;
 use super::points::Points;
 use super::tfrecord::TfRecord;
-use super::{Array, Arrays};
+use super::{Array, Arrays, npz, vtu};
 use m4gn_data::Split;
 use m4gn_mesh::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -24,16 +23,20 @@ pub struct Options {
 enum Source {
     TfRecord(TfRecord),
     Copies(Copies),
-    Npz(Option<Arrays>),
+    Single(Option<Arrays>),
 }
 
 impl Source {
     fn open(path: &Path) -> Result<Self> {
         match path.extension().and_then(|e| e.to_str()) {
             Some("tfrecord") => Ok(Source::TfRecord(TfRecord::open(path)?)),
-            Some("npz") => Ok(Source::Npz(Some(npz::read(path)?))),
+            Some("npz") => Ok(Source::Single(Some(npz::read(path)?))),
+            Some("pvd" | "vtu") => Ok(Source::Single(Some(vtu::read(path)?))),
             Some("h5" | "hdf5") => Ok(Source::Copies(Copies::open(path)?)),
-            _ => Err(Error::file(path, "expected a file whose name ends in .tfrecord, .npz or .h5")),
+            _ => Err(Error::file(
+                path,
+                "expected a file whose name ends in .tfrecord, .npz, .h5, .pvd or .vtu",
+            )),
         }
     }
 
@@ -48,7 +51,7 @@ impl Source {
                 }))
             }
             Source::Copies(copies) => copies.next_arrays(),
-            Source::Npz(arrays) => Ok(arrays.take()),
+            Source::Single(arrays) => Ok(arrays.take()),
         }
     }
 }

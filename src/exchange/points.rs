@@ -101,7 +101,7 @@ impl Points {
             if let Some(i) = values.data.iter().position(|v| !(*v as f32).is_finite()) {
                 return Err(wrong(format!("{name}: frame {} holds {}", i / (n * c), values.data[i])));
             }
-            let known = FIELDS.iter().find(|f| f.0 == name);
+            let known = FIELDS.iter().find(|f| f.0 == name || f.1 == name);
             let (own, mut dimensions) = known.map_or((&name[..], [0; 7]), |f| (f.1, f.2));
             if own == "p" && arrays.contains_key("density") {
                 dimensions = [1, -1, -2, 0, 0, 0, 0];
@@ -223,6 +223,17 @@ fn mesh(positions: &[Vector], triangles: &[[i32; 3]], kinds: &[i32]) -> Result<(
     Ok((mesh, points))
 }
 
+/// Codes of the points of triangles.
+pub(crate) fn node_types(mesh: &Mesh) -> Vec<f64> {
+    let code = |b: &BoundaryFace| {
+        let patch = mesh.patches.get(b.patch as usize);
+        TYPES.iter().find(|t| patch.is_some_and(|p| p == t.1)).map_or(b.kind as i32, |t| t.0)
+    };
+    let mut kinds = vec![0.0; mesh.n_cells()];
+    mesh.boundary.iter().for_each(|b| kinds[b.owner as usize] = f64::from(code(b)));
+    kinds
+}
+
 /// The arrays of a trajectory: at points of triangles those of DeepMind's data, else `cell_centres` with, of each boundary face, its
 /// `boundary_owner`, `boundary_type` and values (`boundary_NAME`). Fields are as they were recorded.
 ///
@@ -246,13 +257,7 @@ pub fn arrays(trajectory: &Trajectory) -> Result<Arrays> {
     let places = mesh.cell_centres.iter().flat_map(|c| c[..dim].iter().copied());
     add(if at_points { "mesh_pos" } else { "cell_centres" }, &[n, dim], places.collect());
     if at_points {
-        let code = |b: &BoundaryFace| {
-            let patch = mesh.patches.get(b.patch as usize);
-            TYPES.iter().find(|t| patch.is_some_and(|p| p == t.1)).map_or(b.kind as i32, |t| t.0)
-        };
-        let mut kinds = vec![0.0; n];
-        mesh.boundary.iter().for_each(|b| kinds[b.owner as usize] = f64::from(code(b)));
-        add("node_type", &[n, 1], kinds);
+        add("node_type", &[n, 1], node_types(mesh));
         let cells = triangles.as_flattened().iter().map(|p| f64::from(*p));
         add("cells", &[triangles.len(), 3], cells.collect());
     } else if !mesh.boundary.is_empty() {
