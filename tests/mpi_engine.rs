@@ -14,8 +14,8 @@ use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{
-    Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, Model, ModelSpec, Output, Resolution,
-    SegmentSpec, cell_size,
+    Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, NodeSums,
+    Output, Resolution, SegmentSpec, cell_size,
 };
 use m4gn_samples::mesh as sample;
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
@@ -60,7 +60,16 @@ fn run(comm: &Comm) -> Vec<String> {
                     Kind::Eagle(eagle.architecture.m4gn().cloned().unwrap_or_else(|| unreachable!()));
                 (format!("eagle, overlap {overlap}"), eagle)
             });
-            let others = [("gcn".to_string(), gcn), ("bsms-gnn".to_string(), bsms)];
+            let mut before = spec(mesh.dim(), 1, 0, 0);
+            before.architecture.micro.node_sums = NodeSums::Before;
+            let mut walk = spec(mesh.dim(), 0, 0, 0);
+            walk.architecture.micro.node_rwse_steps = 7;
+            let others = [
+                ("node positions".to_string(), walk),
+                ("node sums before".to_string(), before),
+                ("gcn".to_string(), gcn),
+                ("bsms-gnn".to_string(), bsms),
+            ];
             for (name, spec) in m4gn.into_iter().chain(others).chain(eagle) {
                 let name = format!("{what}, {how}, {name}");
                 // Groups of cells that straddle ranks.
@@ -215,6 +224,7 @@ fn spec(dim: usize, layers_after: usize, overlap: usize, rwse_steps: usize) -> M
             width: 24,
             hidden_layers: 1,
             activation: Activation::Silu,
+            micro: MicroSpec::default(),
             kind: Kind::M4gn(M4gn {
                 layers_before: 3,
                 layers_after,

@@ -5,7 +5,8 @@ use m4gn_engine::Precision;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::parallel::Comm;
 use m4gn_model::{
-    Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, Model, ModelSpec, Output, SegmentSpec,
+    Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, Output,
+    SegmentSpec,
 };
 use m4gn_samples::mesh as sample;
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
@@ -63,6 +64,7 @@ fn a_step_allocates_nothing() {
                 width,
                 hidden_layers,
                 activation: Activation::Silu,
+                micro: MicroSpec::default(),
                 kind: Kind::M4gn(M4gn {
                     layers_before: 2,
                     layers_after: 2,

@@ -7,7 +7,7 @@ use super::kernels::{
     Addend, Function, Isa, Norm, Normed, Number, Output, Packed, layer_norm, narrow, padded, product,
 };
 use super::linear::{self, Linear, Tail};
-use super::tiles::Scratch;
+use super::tiles::{Scratch, blocks};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_structure::Structure;
@@ -67,7 +67,7 @@ impl<T: Number> Encoder<T> {
 }
 
 /// What the node features that do not change with time contribute to the first layer of the node encoder, with its
-/// bias: a row a node type, or a row a node where the model reads offsets.
+/// bias: a row a node type, or a row a node where the model reads offsets, or encodes the nodes' positions.
 #[derive(Debug)]
 pub struct Fixed {
     /// Rows of the padded width.
@@ -80,8 +80,8 @@ impl Fixed {
     /// For the nodes of this structure.
     ///
     /// # Errors
-    /// [`Error::Model`] for a node type that the model does not know.
-    pub fn new(model: &Model, structure: &Structure) -> Result<Self> {
+    /// [`Error::Model`] for a node type that the model does not know, or positions that are not there.
+    pub fn new(isa: Isa, model: &Model, structure: &Structure) -> Result<Self> {
         let graph = &structure.graph;
         let offsets = structure.segments.as_ref().map_or(&[][..], |s| &s.offsets);
         let ModelSpec { node_types, architecture, .. } = &model.spec;
@@ -106,17 +106,22 @@ impl Fixed {
         };
         let kinds: Vec<u32> = graph.node_types[..graph.n_owned].iter().map(kind).collect::<Result<_>>()?;
         let n = model.spec.n_offset_features();
-        if n == 0 {
+        let walk = structure.walk_for(architecture.needs())?;
+        if n == 0 && walk.is_empty() {
             return Ok(Fixed { rows: types, row: kinds });
         }
         let first = k + node_types.len();
         let mut rows = Vec::with_capacity(kinds.len() * columns);
-        for (t, offset) in kinds.iter().zip(offsets.chunks_exact(n)) {
+        for (i, t) in kinds.iter().enumerate() {
+            let offset = &offsets[i * n..(i + 1) * n];
             let own = &types[*t as usize * columns..][..columns];
             rows.extend(own.iter().enumerate().map(|(o, own)| {
                 let shift: f32 = offset.iter().enumerate().map(|(i, x)| weight(o, first + i) * x).sum();
                 own + shift
             }));
+        }
+        if !walk.is_empty() {
+            rows = positioned(isa, model, walk, rows)?;
         }
         Ok(Fixed { rows, row: (0..kinds.len() as u32).collect() })
     }
@@ -125,6 +130,30 @@ impl Fixed {
     pub fn bytes(&self) -> usize {
         4 * (self.rows.capacity() + self.row.capacity())
     }
+}
+
+/// These rows, and what f_np (section 3.4.1) of the nodes' random walks contributes beside them.
+fn positioned(isa: Isa, model: &Model, walk: &[f32], mut rows: Vec<f32>) -> Result<Vec<f32>> {
+    let ModelSpec { architecture, .. } = &model.spec;
+    let (columns, steps) = (padded(architecture.width), architecture.micro.node_rwse_steps);
+    let features = padded(model.spec.n_node_features());
+    let first: Packed<f32> = linear::whole(isa, model, "encoder.position.0")?;
+    let bias = linear::bias(model, "encoder.position.0")?;
+    let tail: Tail<f32> = Tail::new(isa, model, "encoder.position")?;
+    let node: Packed<f32> = linear::whole(isa, model, "encoder.node.0")?;
+    let widest = f32::ROWS * columns.max(features);
+    let [mut a, mut b, mut c] = [0; 3].map(|_| vec![0.0; widest]);
+    let count = rows.len() / columns;
+    for range in blocks::<f32>(count) {
+        let n = range.len();
+        let x = (&walk[range.start * steps..], steps);
+        product(isa, &first, x, n, Addend::Bias(&bias), tail.function(), Output::Wide(&mut a));
+        tail.run(isa, n, &mut a, &mut b, &mut c);
+        let own = &mut rows[range.start * columns..range.end * columns];
+        product(isa, &node, (&c, features), n, Addend::Rows(own), Function::Identity, Output::Wide(&mut a));
+        own.copy_from_slice(&a[..n * columns]);
+    }
+    Ok(rows)
 }
 
 /// The decoder on [h, h_S] (section 3.4.3), with the return to physical values.

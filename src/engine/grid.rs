@@ -83,6 +83,17 @@ impl<T: Number> Grid<T> {
         self.pool.run(&mut self.scratch, tiles.len(), task, || ());
     }
 
+    /// As [`Grid::sweep`], of values that no ghosts have.
+    pub fn sweep_own(&mut self, sweep: impl Fn(&mut Scratch<T>, &Tile, &Order, &mut [f32]) + Sync) {
+        let (columns, order, tiles) = (self.columns, &self.order, &self.tiles);
+        let nodes = Parts::new(&mut self.nodes);
+        let task = |s: &mut Scratch<T>, i: usize| {
+            // SAFETY: tiles are disjoint.
+            sweep(s, &tiles[i], order, unsafe { nodes.rows(&tiles[i].nodes, columns) });
+        };
+        self.pool.run(&mut self.scratch, tiles.len(), task, || ());
+    }
+
     /// Fetches the ghosts' rows of `values` `[n_local x columns]` while the tiles that do not wait for them are swept, then
     /// sweeps the others: `sweep` gets the order, the values and the latents of its tile, to change them. Collective.
     pub fn sweep<V: Element + Send + Sync>(

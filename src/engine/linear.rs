@@ -18,17 +18,13 @@ pub fn whole<T: Number>(isa: Isa, model: &Model, name: &str) -> Result<Packed<T>
     columns(isa, model, name, 0..inputs)
 }
 
-/// All columns of a layer that reads two latents of width d, each padded to whole vectors.
-pub fn of_two<T: Number>(isa: Isa, model: &Model, name: &str, d: usize) -> Result<Packed<T>> {
+/// All columns of a layer that reads k latents of width d, each padded to whole vectors.
+pub fn of_latents<T: Number>(isa: Isa, model: &Model, name: &str, d: usize, k: usize) -> Result<Packed<T>> {
     let tensor = model.tensor(&format!("{name}.weight"))?;
-    let second = padded(d);
-    Ok(Packed::new(isa, second + d, tensor.shape[0], |i, o| {
-        let row = &tensor.data[o * 2 * d..(o + 1) * 2 * d];
-        match i {
-            i if i < d => row[i],
-            i if i < second => 0.0,
-            i => row[d + i - second],
-        }
+    let columns = padded(d);
+    Ok(Packed::new(isa, (k - 1) * columns + d, tensor.shape[0], |i, o| match i % columns {
+        at if at < d => tensor.data[(o * k + i / columns) * d + at],
+        _ => 0.0,
     }))
 }
 

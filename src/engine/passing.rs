@@ -1,26 +1,26 @@
-//! One message-passing layer: edge network (eq. 3), sum over the edges of a node, node network (eq. 2).
+//! One message-passing layer: edge network (eq. 3, 4), sum over the edges of a node, node network (eq. 2).
 
 use super::kernels::{
     Addend, Buffer, Function, Isa, Norm, Normed, Number, Output, Packed, layer_norm, narrow, padded, product,
+    scatter_add,
 };
 use super::linear::{self, Tail};
 use super::profile::Phase;
-use super::tiles::{Scratch, Tile};
+use super::tiles::{Scratch, Tile, WORLD};
 use m4gn_mesh::Result;
-use m4gn_model::Model;
+use m4gn_model::{Model, NodeSums};
 
-/// Weights of a layer, the first one of the edge network cut by input.
+/// Weights of a layer.
 #[derive(Debug)]
 pub struct Layer<T> {
     isa: Isa,
     columns: usize,
-    /// Of latents, or of features.
-    edge_edge: Packed<T>,
-    edge_sender: Packed<T>,
-    edge_receiver: Packed<T>,
-    edge_bias: Vec<f32>,
-    edge_tail: Tail<T>,
-    edge_norm: Norm,
+    /// Which latents of its edges a node sums.
+    node_sums: NodeSums,
+    /// Sums of edges.
+    kinds: usize,
+    /// None where nothing reads what it would make of the edges.
+    edge: Option<EdgeNetwork<T>>,
     /// What messages are added to where edges have no latents: nothing.
     zeros: Option<Buffer<T>>,
     /// Of latents and sums.
@@ -30,6 +30,39 @@ pub struct Layer<T> {
     node_norm: Norm,
 }
 
+/// Weights of an edge network, the first one cut by input.
+#[derive(Debug)]
+struct EdgeNetwork<T> {
+    /// Of latents, or of features.
+    edge: Packed<T>,
+    sender: Packed<T>,
+    receiver: Packed<T>,
+    bias: Vec<f32>,
+    tail: Tail<T>,
+    norm: Norm,
+}
+
+impl<T: Number> EdgeNetwork<T> {
+    /// Perceptron `name`, which reads so many numbers of an edge.
+    fn new(isa: Isa, model: &Model, name: &str, k: usize) -> Result<Self> {
+        let (d, first) = (model.spec.architecture.width, format!("{name}.0"));
+        Ok(EdgeNetwork {
+            edge: linear::columns(isa, model, &first, 0..k)?,
+            sender: linear::columns(isa, model, &first, k..k + d)?,
+            receiver: linear::columns(isa, model, &first, k + d..k + 2 * d)?,
+            bias: linear::bias(model, &first)?,
+            tail: Tail::new(isa, model, name)?,
+            norm: linear::norm(model, &format!("{name}.norm"))?,
+        })
+    }
+
+    /// Bytes of the weights.
+    fn bytes(&self) -> usize {
+        [&self.edge, &self.sender, &self.receiver].map(|p| p.bytes()).iter().sum::<usize>()
+            + self.tail.bytes()
+    }
+}
+
 /// The graph as a sweep reads it.
 #[derive(Clone, Copy)]
 pub struct Topology<'a, T> {
@@ -37,6 +70,8 @@ pub struct Topology<'a, T> {
     pub senders: &'a [i32],
     /// Receiver of each edge.
     pub receivers: &'a [i32],
+    /// Row of the sum that each edge adds to, counted as the receivers are.
+    pub sums: &'a [i32],
     /// Ws h of the local nodes; before the halo exchange is over, of the owned ones.
     pub projected: &'a [T],
 }
@@ -48,18 +83,16 @@ impl<T: Number> Layer<T> {
         let d = architecture.width;
         let k = if architecture.edge_latents() { d } else { model.spec.n_edge_features() };
         let (edge, node) = (format!("processor.{l}.edge"), format!("processor.{l}.node"));
-        let (edge_first, node_first) = (format!("{edge}.0"), format!("{node}.0"));
+        let node_first = format!("{node}.0");
+        let edge = (l < architecture.edge_networks()).then(|| EdgeNetwork::new(isa, model, &edge, k));
         Ok(Layer {
             isa,
             columns: padded(d),
-            edge_edge: linear::columns(isa, model, &edge_first, 0..k)?,
-            edge_sender: linear::columns(isa, model, &edge_first, k..k + d)?,
-            edge_receiver: linear::columns(isa, model, &edge_first, k + d..k + 2 * d)?,
-            edge_bias: linear::bias(model, &edge_first)?,
-            edge_tail: Tail::new(isa, model, &edge)?,
-            edge_norm: linear::norm(model, &format!("{edge}.norm"))?,
+            node_sums: architecture.micro.node_sums,
+            edge: edge.transpose()?,
             zeros: (!architecture.edge_latents()).then(|| Buffer::new(T::ROWS * padded(d))),
-            node_first: linear::of_two(isa, model, &node_first, d)?,
+            node_first: linear::of_latents(isa, model, &node_first, d, 1 + architecture.edge_kinds())?,
+            kinds: architecture.edge_kinds(),
             node_bias: linear::bias(model, &node_first)?,
             node_tail: Tail::new(isa, model, &node)?,
             node_norm: linear::norm(model, &format!("{node}.norm"))?,
@@ -68,19 +101,25 @@ impl<T: Number> Layer<T> {
 
     /// Bytes of the weights.
     pub fn bytes(&self) -> usize {
-        let parts = [&self.edge_edge, &self.edge_sender, &self.edge_receiver, &self.node_first];
-        parts.map(|p| p.bytes()).iter().sum::<usize>() + self.edge_tail.bytes() + self.node_tail.bytes()
+        let edge = self.edge.as_ref().map_or(0, |e| e.bytes());
+        edge + self.node_first.bytes() + self.node_tail.bytes()
     }
 
-    /// Ws h: from `h`, the rows of some nodes, to `out`, as many.
+    /// Whether it reads Ws h of the senders.
+    pub fn reads_senders(&self) -> bool {
+        self.edge.is_some()
+    }
+
+    /// Ws h, where it is read: from `h`, the rows of some nodes, to `out`, as many.
     pub fn project(&self, scratch: &mut Scratch<T>, h: &[f32], out: &mut [T]) {
+        let Some(edge) = &self.edge else { return };
         scratch.clock.start();
         let (isa, columns) = (self.isa, self.columns);
         let n = h.len() / columns;
         narrow(isa, h, &mut scratch.a[..h.len()]);
         product(
             isa,
-            &self.edge_sender,
+            &edge.sender,
             (&scratch.a, columns),
             n,
             Addend::Nothing,
@@ -109,27 +148,29 @@ impl<T: Number> Layer<T> {
         scratch.clock.start();
         let (isa, columns, n) = (self.isa, self.columns, tile.nodes.len());
         let Scratch { x, a, b, c, receivers, sums, clock, .. } = scratch;
+        let (kinds, wide) = (self.kinds, (1 + self.kinds) * columns);
         // Latents left, sums right.
-        for (x, h) in x.chunks_exact_mut(2 * columns).zip(h.chunks_exact(columns)) {
+        for (x, h) in x.chunks_exact_mut(wide).zip(h.chunks_exact(columns)) {
             narrow(isa, h, &mut x[..columns]);
         }
-        product(
-            isa,
-            &self.edge_receiver,
-            (x, 2 * columns),
-            n,
-            Addend::Bias(&self.edge_bias),
-            Function::Identity,
-            Output::Wide(receivers),
-        );
-        sums[..n * columns].fill(0.0);
+        if let Some(edge) = &self.edge {
+            let (bias, out) = (Addend::Bias(&edge.bias), Output::Wide(receivers));
+            product(isa, &edge.receiver, (x, wide), n, bias, Function::Identity, out);
+        }
+        for kind in 0..kinds {
+            sums[kind * WORLD * columns..][..n * columns].fill(0.0);
+        }
         for chunk in tile.chunks::<T>() {
             let m = chunk.len();
             let own = (chunk.start - tile.edges.start) * columns..(chunk.end - tile.edges.start) * columns;
             let before = before.map(|b| &b[own.clone()]);
             let edges = &mut edges[own];
-            let owner = &graph.receivers[chunk.clone()];
+            let (owner, into) = (&graph.receivers[chunk.clone()], &graph.sums[chunk.clone()]);
             let first = tile.nodes.start;
+            if self.node_sums == NodeSums::Before {
+                scatter_add(isa, before.unwrap_or(edges), columns, sums, into, first);
+            }
+            let Some(edge) = &self.edge else { continue };
             let ends = Addend::Ends {
                 senders: graph.projected,
                 index: &graph.senders[chunk.clone()],
@@ -138,20 +179,26 @@ impl<T: Number> Layer<T> {
                 first,
             };
             let from = (before.unwrap_or(edges), columns);
-            let (f, out) = (self.edge_tail.function(), Output::Narrow(a));
-            product(isa, &self.edge_edge, from, m, ends, f, out);
-            self.edge_tail.run(isa, m, a, b, c);
+            let (f, out) = (edge.tail.function(), Output::Narrow(a));
+            product(isa, &edge.edge, from, m, ends, f, out);
+            edge.tail.run(isa, m, a, b, c);
             let before = self.zeros.as_deref().or(before);
-            let out = Normed::Edges { before, edges, keep, sums, owner, first };
-            layer_norm(isa, &self.edge_norm, c, m, out);
+            let out = match self.node_sums {
+                NodeSums::After => Normed::Edges { before, edges, keep, sums, owner: into, first },
+                NodeSums::Before => Normed::Latents { before, edges },
+            };
+            layer_norm(isa, &edge.norm, c, m, out);
         }
         clock.stop(Phase::Edges);
 
-        for (x, sum) in x.chunks_exact_mut(2 * columns).zip(sums.chunks_exact(columns)).take(n) {
-            narrow(isa, sum, &mut x[columns..]);
+        for (i, x) in x.chunks_exact_mut(wide).enumerate().take(n) {
+            for kind in 0..kinds {
+                let sum = &sums[(kind * WORLD + i) * columns..][..columns];
+                narrow(isa, sum, &mut x[(1 + kind) * columns..][..columns]);
+            }
         }
         let bias = Addend::Bias(&self.node_bias);
-        let from = (&x[..], 2 * columns);
+        let from = (&x[..], wide);
         let (f, out) = (self.node_tail.function(), Output::Narrow(a));
         product(isa, &self.node_first, from, n, bias, f, out);
         self.node_tail.run(isa, n, a, b, c);

@@ -1,6 +1,6 @@
 //! The network written down as the paper has it, in fp64 with straight loops: what the engine is tested against.
 
-use m4gn_model::{Activation, Kind, M4gn, MacroSpec, Model};
+use m4gn_model::{Activation, Kind, M4gn, MacroSpec, Model, NodeSums};
 use m4gn_structure::graph::Graph;
 use m4gn_structure::{Segmentation, Sequence, Structure, Transfer};
 
@@ -56,15 +56,26 @@ impl Plain<'_> {
         x.iter().zip(mean).zip(std).map(|((x, m), s)| (*x as f64 - m) / s).collect()
     }
 
-    /// eq. 3, then eq. 2.
+    /// eq. 3 and 4, and eq. 2 of the edges before or after.
     fn pass(&self, l: usize, graph: &Graph, h: &mut Rows, e: &mut Rows) {
         let d = self.0.spec.architecture.width;
-        let mut sums = vec![vec![0.0; d]; h.len()];
+        let mut sums = vec![vec![0.0; d * self.0.spec.architecture.edge_kinds()]; h.len()];
+        let before = self.0.spec.architecture.micro.node_sums == NodeSums::Before;
+        let last = l + 1 == self.0.spec.architecture.layers();
         for (i, e) in e.iter_mut().enumerate() {
             let (s, r) = (graph.senders[i] as usize, graph.receivers[i] as usize);
-            let x = [&e[..], &h[s], &h[r]].concat();
-            add(e, &self.mlp(&format!("processor.{l}.edge"), &x, true));
-            add(&mut sums[r], e);
+            let kind = d * self.kind(graph, i);
+            if before {
+                add(&mut sums[r][kind..kind + d], e);
+            }
+            // Nothing reads what the last layer would make of these.
+            if !(before && last) {
+                let x = [&e[..], &h[s], &h[r]].concat();
+                add(e, &self.mlp(&format!("processor.{l}.edge"), &x, true));
+            }
+            if !before {
+                add(&mut sums[r][kind..kind + d], e);
+            }
         }
         for (h, sum) in h.iter_mut().zip(sums) {
             let x = [&h[..], &sum].concat();
@@ -147,8 +158,16 @@ impl Plain<'_> {
 
     /// eq. 1 of the edges.
     fn edges(&self, graph: &Graph) -> Rows {
-        let features = graph.edge_features.chunks(self.0.spec.n_edge_features());
-        features.map(|x| self.mlp("encoder.edge", &self.normalise("edge", x), true)).collect()
+        let features = graph.edge_features.chunks(self.0.spec.n_edge_features()).enumerate();
+        let encoders = self.0.spec.architecture.edge_encoders();
+        let encode = |(i, x)| self.mlp(encoders[self.kind(graph, i)], &self.normalise("edge", x), true);
+        features.map(encode).collect()
+    }
+
+    /// 1 for a world edge that has weights of its own.
+    fn kind(&self, graph: &Graph, edge: usize) -> usize {
+        let flag = graph.edge_features[(edge + 1) * self.0.spec.n_edge_features() - 1];
+        usize::from(self.0.spec.architecture.edge_kinds() > 1 && flag > 0.5)
     }
 
     /// All layers and the macro stage; what a node's segments add to what the decoder reads.
@@ -304,6 +323,12 @@ pub fn forward(model: &Model, structure: &Structure, inputs: &[f32]) -> Vec<f64>
             let n = spec.n_offset_features();
             if let Some(view) = segments {
                 x.extend(view.offsets[i * n..(i + 1) * n].iter().map(|&v| f64::from(v)));
+            }
+            let steps = spec.architecture.micro.node_rwse_steps;
+            if steps > 0 {
+                let p: Vec<f64> =
+                    structure.walk[i * steps..(i + 1) * steps].iter().map(|&v| v.into()).collect();
+                add(&mut x, &net.mlp("encoder.position", &p, false));
             }
             net.mlp("encoder.node", &x, true)
         })

@@ -1,9 +1,9 @@
 //! The engine against the plain network, in every instruction set that this processor has.
 
 use super::*;
-use m4gn_mesh::Mesh;
+use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::modal::NoModes;
-use m4gn_model::{Activation, Architecture, Kind, MacroSpec, ModelSpec};
+use m4gn_model::{Activation, Architecture, Kind, MacroSpec, MicroSpec, ModelSpec, NodeSums, WorldEdges};
 use m4gn_samples::mesh as sample;
 use m4gn_samples::model::spec;
 use m4gn_structure::Segmentation;
@@ -29,13 +29,42 @@ pub(super) fn segments(spec: &ModelSpec, graph: &Graph, overlap: bool) -> Segmen
     }
 }
 
+/// A small mesh in the directions of a model.
+pub(super) fn mesh(spec: &ModelSpec, n: [usize; 3]) -> Mesh {
+    match spec.dim {
+        3 => sample::block([n[0] - 3, n[1] - 2, n[2]], [1.0, 0.8, 0.6]),
+        _ => sample::triangles(n[0], n[1], 1.6, 0.41),
+    }
+}
+
+/// The small network of bodies with encoders of its own for world edges.
+pub(super) fn apart() -> ModelSpec {
+    let mut s = m4gn_samples::model::bodies();
+    s.architecture.micro.world_edges = WorldEdges::Apart;
+    s
+}
+
+/// Makes points of a body of the nodes, and world edges of those edges that point along x: features by the edges' vectors.
+fn touch(spec: &ModelSpec, graph: &mut Graph) {
+    if spec.contact.is_none() {
+        return;
+    }
+    graph.node_types.fill(NodeType::Body as i32);
+    let features = graph.edge_features.chunks(4).flat_map(|x| {
+        let is_world = if x[0] > 0.01 { 1.0 } else { 0.0 };
+        (0..12).map(|i| x[i % 4] + 0.1 * i as f32).chain([is_world]).collect::<Vec<_>>()
+    });
+    graph.edge_features = features.collect();
+}
+
 /// What a model lives on, with segments that no mesh has.
 pub(super) fn structure(spec: &ModelSpec, mesh: &Mesh, overlap: bool) -> Structure {
     let mut bare = spec.clone();
     if spec.architecture.needs().segments {
         bare.architecture.kind = Kind::MeshGraphNet { layers: 1 };
     }
-    let made = Structure::new(mesh, &bare, &spec.segments, &NoModes, None, &Comm::serial()).unwrap();
+    let mut made = Structure::new(mesh, &bare, &spec.segments, &NoModes, None, &Comm::serial()).unwrap();
+    touch(spec, &mut made.graph);
     let stage = spec.architecture.needs().segments.then(|| segments(spec, &made.graph, overlap));
     let needs = spec.architecture.needs();
     let sequence = Structure::sequence_of(stage.as_ref(), needs, mesh, &Comm::serial()).unwrap();
@@ -51,7 +80,7 @@ struct Case {
 
 impl Case {
     fn new(spec: ModelSpec, overlap: bool) -> Self {
-        let structure = structure(&spec, &sample::triangles(9, 7, 1.6, 0.41), overlap);
+        let structure = structure(&spec, &mesh(&spec, [9, 7, 3]), overlap);
         let n = structure.graph.n_owned * spec.n_field_inputs();
         Case {
             structure,
@@ -152,6 +181,20 @@ fn specs() -> Vec<(ModelSpec, bool)> {
     s.architecture.hidden_layers = 1;
     s.architecture.kind = Kind::MeshGraphNet { layers: 2 };
     all.push((s.clone(), false));
+    let of_micro = |micro: MicroSpec| {
+        let mut before = spec();
+        before.architecture.micro = micro;
+        let mut alone = s.clone();
+        alone.architecture = Architecture { micro, width: 81, ..alone.architecture };
+        [(before, true), (alone, false)]
+    };
+    all.extend(of_micro(MicroSpec { node_sums: NodeSums::Before, ..MicroSpec::default() }));
+    all.extend(of_micro(MicroSpec { node_rwse_steps: 6, ..MicroSpec::default() }));
+    let mut bodies = apart();
+    all.push((bodies.clone(), true));
+    bodies.architecture.micro.node_sums = NodeSums::Before;
+    (bodies.architecture.width, bodies.architecture.kind) = (81, Kind::MeshGraphNet { layers: 2 });
+    all.push((bodies, false));
     s.fields[0].input = false;
     s.fields[0].output = m4gn_model::Output::Value;
     all.push((s, false));
@@ -261,9 +304,35 @@ fn graphs_and_lengths_that_do_not_fit_are_refused() {
 
 #[test]
 fn another_numbering_of_the_cells_gives_the_same_to_rounding() {
-    let mesh = sample::triangles(9, 7, 1.6, 0.41);
+    let (flow, m4gn) = (spec(), spec().architecture.m4gn().unwrap().clone());
+    let with = |kind: Kind| {
+        let mut s = flow.clone();
+        s.architecture.kind = kind;
+        s
+    };
+    let mut before = flow.clone();
+    before.architecture.micro.node_sums = NodeSums::Before;
+    let mut walk = flow.clone();
+    walk.architecture.micro.node_rwse_steps = 6;
+    for spec in [
+        with(Kind::MeshGraphNet { layers: 2 }),
+        walk,
+        with(Kind::Gcn { layers: 2 }),
+        with(Kind::BsmsGnn { levels: 5 }),
+        with(Kind::GUNet { levels: 3 }),
+        with(Kind::Eagle(m4gn)),
+        flow,
+        before,
+        apart(),
+    ] {
+        renumber(spec);
+    }
+}
+
+fn renumber(mut s: ModelSpec) {
+    let mesh = mesh(&s, [9, 7, 3]);
     let n = mesh.n_cells();
-    // 37 and 126 have no common factor.
+    // 37 has no factor in common with 126 cells, nor with 90.
     let place = |cell: usize| (37 * cell + 5) % n;
     let mut other = mesh.clone();
     for cell in 0..n {
@@ -274,36 +343,28 @@ fn another_numbering_of_the_cells_gives_the_same_to_rounding() {
     for cell in faces.chain(other.boundary.iter_mut().map(|b| &mut b.owner)) {
         *cell = place(*cell as usize) as i32;
     }
-    let (mut s, m4gn) = (spec(), spec().architecture.m4gn().unwrap().clone());
     s.segments.count = K;
     let labels: Vec<i32> = (0..n).map(|cell| (cell * K / n) as i32).collect();
     let mut moved = labels.clone();
     (0..n).for_each(|cell| moved[place(cell)] = labels[cell]);
-    for kind in [
-        Kind::M4gn(m4gn.clone()),
-        Kind::MeshGraphNet { layers: 2 },
-        Kind::Gcn { layers: 2 },
-        Kind::BsmsGnn { levels: 5 },
-        Kind::GUNet { levels: 3 },
-        Kind::Eagle(m4gn),
-    ] {
-        s.architecture.kind = kind;
-        let cut = |mesh: &Mesh, labels: &[i32]| {
-            Structure::new(mesh, &s, &s.segments, &NoModes, Some(labels), &Comm::serial()).unwrap()
-        };
-        let mut case = Case { structure: cut(&mesh, &labels), ..Case::new(s.clone(), false) };
-        let options = options(Isa::detect(), Precision::Fp32);
-        let expected = case.run(&options, usize::MAX);
-        let (k, m) = (s.n_field_inputs(), s.n_outputs());
-        let inputs = case.inputs.clone();
-        for cell in 0..n {
-            case.inputs[place(cell) * k..][..k].copy_from_slice(&inputs[cell * k..][..k]);
-        }
-        case.structure = cut(&other, &moved);
-        let found = case.run(&options, usize::MAX);
-        let found: Vec<f32> = (0..n).flat_map(|cell| found[place(cell) * m..][..m].to_vec()).collect();
-        let expected: Vec<f64> = expected.into_iter().map(f64::from).collect();
-        let error = difference(&found, &expected);
-        assert!(error < 1e-5, "{error:e} of {:?}", s.architecture.kind);
+    let cut = |mesh: &Mesh, labels: &[i32]| {
+        let mut made =
+            Structure::new(mesh, &s, &s.segments, &NoModes, Some(labels), &Comm::serial()).unwrap();
+        touch(&s, &mut made.graph);
+        made
+    };
+    let mut case = Case { structure: cut(&mesh, &labels), ..Case::new(s.clone(), false) };
+    let options = options(Isa::detect(), Precision::Fp32);
+    let expected = case.run(&options, usize::MAX);
+    let (k, m) = (s.n_field_inputs(), s.n_outputs());
+    let inputs = case.inputs.clone();
+    for cell in 0..n {
+        case.inputs[place(cell) * k..][..k].copy_from_slice(&inputs[cell * k..][..k]);
     }
+    case.structure = cut(&other, &moved);
+    let found = case.run(&options, usize::MAX);
+    let found: Vec<f32> = (0..n).flat_map(|cell| found[place(cell) * m..][..m].to_vec()).collect();
+    let expected: Vec<f64> = expected.into_iter().map(f64::from).collect();
+    let error = difference(&found, &expected);
+    assert!(error < 1e-5, "{error:e} of {:?}", s.architecture);
 }

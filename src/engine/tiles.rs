@@ -1,6 +1,7 @@
 //! How a pass over nodes and their edges is cut into tiles that stay in cache.
 
-use super::kernels::{Buffer, Number, padded};
+use super::kernels::{Bf16, Buffer, Number, padded};
+use super::order::Order;
 use super::profile::Clock;
 use std::ops::Range;
 
@@ -44,10 +45,41 @@ pub fn block<T: Number>(i: usize, n: usize) -> Range<usize> {
     i * T::ROWS..((i + 1) * T::ROWS).min(n)
 }
 
+/// From the row of a tile's node to that of the sum over its world edges, where that is another.
+pub const WORLD: usize = Bf16::ROWS;
+
+/// The sum that each edge of a graph adds to, as [`Order::receivers`] of it and [`WORLD`] more of world edges, of which the last of
+/// the physical `features` says that they are some.
+pub fn sums_of_kinds(order: &Order, features: &[f32], out: &mut Vec<i32>) {
+    let k = features.len() / order.edge.len().max(1);
+    let is_world = |&e: &u32| features[(e as usize + 1) * k - 1] > 0.5;
+    out.clear();
+    let pairs = order.receivers.iter().zip(&order.edge);
+    out.extend(pairs.map(|(r, e)| r + if is_world(e) { WORLD as i32 } else { 0 }));
+}
+
+/// Edges cut into runs of one kind, the second of which is that of world edges, by their receivers and sums.
+pub fn runs<'a>(
+    edges: Range<usize>,
+    receivers: &'a [i32],
+    sums: &'a [i32],
+) -> impl Iterator<Item = (Range<usize>, usize)> + 'a {
+    let kind = |e: usize| usize::from(sums[e] != receivers[e]);
+    let Range { mut start, end } = edges;
+    std::iter::from_fn(move || {
+        (start < end).then(|| {
+            let own = kind(start);
+            let run = start..(start..end).find(|&e| kind(e) != own).unwrap_or(end);
+            start = run.end;
+            (run, own)
+        })
+    })
+}
+
 /// One thread's buffers. Rows of `columns`, the padded width, unless said otherwise.
 #[derive(Debug)]
 pub struct Scratch<T> {
-    /// What goes into a node network: latents and sums, rows of two widths.
+    /// What goes into a node network: latents and sums, rows of as many widths.
     pub x: Buffer<T>,
     /// Activations.
     pub a: Buffer<T>,
@@ -57,7 +89,7 @@ pub struct Scratch<T> {
     pub c: Buffer<f32>,
     /// The receivers' part of the edge network, a row a node of the tile.
     pub receivers: Buffer<f32>,
-    /// Sums over a node's edges.
+    /// Sums over a node's edges, those of world edges from row [`WORLD`] on.
     pub sums: Buffer<f32>,
     /// Raw features, and outputs, as wide as these are.
     pub raw: Buffer<f32>,
@@ -66,17 +98,17 @@ pub struct Scratch<T> {
 }
 
 impl<T: Number> Scratch<T> {
-    /// For latents of width `d` and up to `raw` features or outputs.
-    pub fn new(d: usize, raw: usize, profile: bool) -> Self {
+    /// For latents of width `d`, so many sums of edges and up to `raw` features or outputs.
+    pub fn new(d: usize, kinds: usize, raw: usize, profile: bool) -> Self {
         let columns = padded(d);
         let rows = T::ROWS;
         Scratch {
-            x: Buffer::new(rows * 2 * columns),
+            x: Buffer::new(rows * (1 + kinds) * columns),
             a: Buffer::new(rows * columns),
             b: Buffer::new(rows * columns),
             c: Buffer::new(rows * columns),
             receivers: Buffer::new(rows * columns),
-            sums: Buffer::new(rows * columns),
+            sums: Buffer::new((rows + (kinds - 1) * WORLD) * columns),
             raw: Buffer::new(rows * padded(raw)),
             clock: Clock::new(profile),
         }
@@ -92,7 +124,6 @@ impl<T: Number> Scratch<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernels::Bf16;
 
     #[test]
     fn tiles_cover_everything_once() {

@@ -3,6 +3,7 @@
 //! Every network has an encoder of nodes and a decoder at cells (multi-layer perceptrons, eq. 1 and section 3.4.3). Its
 //! [`Kind`] says what advances the nodes' latents between the two.
 
+use super::{MicroSpec, NodeSums, WorldEdges};
 use m4gn_mesh::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -105,6 +106,8 @@ pub struct Needs {
     pub levels: usize,
     /// All nodes on one rank.
     pub whole: bool,
+    /// Random-walk steps of the nodes' positional encoding.
+    pub walk: usize,
 }
 
 /// Names of the kinds, in configurations and model files.
@@ -135,6 +138,8 @@ pub struct Architecture {
     pub hidden_layers: usize,
     /// Activation between linear layers.
     pub activation: Activation,
+    /// Of its message passing.
+    pub micro: MicroSpec,
     /// What stands between encoder and decoder.
     pub kind: Kind,
 }
@@ -187,6 +192,32 @@ impl Architecture {
         }
     }
 
+    /// Whether the layers are those of eq. 2 to 4, of one graph.
+    pub fn passes_messages(&self) -> bool {
+        matches!(self.kind, Kind::M4gn(_) | Kind::Eagle(_) | Kind::MeshGraphNet { .. })
+    }
+
+    /// Kinds of edges that have an encoder, and sums that go into the nodes, each.
+    pub fn edge_kinds(&self) -> usize {
+        match self.micro.world_edges {
+            WorldEdges::Together => 1,
+            WorldEdges::Apart => 2,
+        }
+    }
+
+    /// Their encoders: of the edges, or of the mesh's and of world edges.
+    pub fn edge_encoders(&self) -> &'static [&'static str] {
+        &["encoder.edge", "encoder.world_edge"][..self.edge_kinds()]
+    }
+
+    /// Layers that make new messages or latents of the edges: the first ones.
+    pub fn edge_networks(&self) -> usize {
+        match self.micro.node_sums {
+            NodeSums::After => self.layers(),
+            NodeSums::Before => self.layers().saturating_sub(1),
+        }
+    }
+
     /// Whether edges have latents, which a layer passes on to the next one; else its messages are made of the edges' features.
     pub fn edge_latents(&self) -> bool {
         !matches!(self.kind, Kind::BsmsGnn { .. } | Kind::GUNet { .. })
@@ -203,6 +234,7 @@ impl Architecture {
                 _ => 0,
             },
             whole: matches!(self.kind, Kind::GUNet { .. }),
+            walk: self.micro.node_rwse_steps,
         }
     }
 }
@@ -219,6 +251,15 @@ pub struct ArchitectureKeys {
     pub hidden_layers: usize,
     /// As [`Architecture::activation`].
     pub activation: Activation,
+    /// As [`MicroSpec::node_sums`].
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub node_sums: NodeSums,
+    /// As [`MicroSpec::world_edges`].
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub world_edges: WorldEdges,
+    /// As [`MicroSpec::node_rwse_steps`].
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub node_rwse_steps: usize,
     /// Of a network without a macro stage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub layers: Option<usize>,
@@ -234,6 +275,10 @@ pub struct ArchitectureKeys {
     /// As [`M4gn::segment_transformer`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub segment_transformer: Option<MacroSpec>,
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 impl TryFrom<ArchitectureKeys> for Architecture {
@@ -295,6 +340,11 @@ impl TryFrom<ArchitectureKeys> for Architecture {
             width: keys.width,
             hidden_layers: keys.hidden_layers,
             activation: keys.activation,
+            micro: MicroSpec {
+                node_sums: keys.node_sums,
+                world_edges: keys.world_edges,
+                node_rwse_steps: keys.node_rwse_steps,
+            },
             kind,
         })
     }
@@ -307,6 +357,9 @@ impl From<Architecture> for ArchitectureKeys {
             width: a.width,
             hidden_layers: a.hidden_layers,
             activation: a.activation,
+            node_sums: a.micro.node_sums,
+            world_edges: a.micro.world_edges,
+            node_rwse_steps: a.micro.node_rwse_steps,
             layers: None,
             levels: None,
             layers_before: None,
@@ -364,7 +417,17 @@ mod tests {
             let text = serde_json::to_string(&a).unwrap();
             assert!(text.contains(&format!("\"kind\":\"{}\"", a.name().name())), "{text}");
             assert_eq!(read(&text).unwrap(), a);
+            let new = ["node_sums", "world_edges", "node_rwse_steps"];
+            assert!(!new.iter().any(|key| text.contains(key)), "files of before have no such keys: {text}");
         }
+    }
+
+    #[test]
+    fn switches_survive_json() {
+        let mut a = spec().architecture;
+        a.micro =
+            MicroSpec { node_sums: NodeSums::Before, world_edges: WorldEdges::Apart, node_rwse_steps: 4 };
+        assert_eq!(read(&serde_json::to_string(&a).unwrap()).unwrap(), a);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! What a model's description must satisfy before anything is made from it.
 
-use super::{Architecture, Kind, MacroSpec, ModelSpec, Output, Precision};
+use super::{Architecture, Kind, MacroSpec, ModelSpec, NodeSums, Output, Precision, WorldEdges};
 use m4gn_mesh::{Error, Result};
 
 /// Version of the header schema that this library reads and writes.
@@ -10,6 +10,8 @@ const FORMAT: u32 = 1;
 /// overflows and a damaged header cannot ask for more memory than there is.
 const MAX_WIDTH: usize = 1 << 14;
 const MAX_LAYERS: usize = 1 << 10;
+/// A walk of n steps is as much work as there are nodes within n / 2 steps of each.
+const MAX_WALK: usize = 64;
 /// A coarser graph has half the nodes: 65,536 nodes become one.
 const MAX_LEVELS: usize = 16;
 
@@ -53,6 +55,11 @@ impl ModelSpec {
                 "precision: kind {} keeps the nodes of the largest scores, and rounding to bf16 would keep others; use \"fp32\"",
                 self.architecture.name().name()
             )
+        })?;
+        let together = self.architecture.micro.world_edges == WorldEdges::Together;
+        expect(together || self.contact.is_some(), || {
+            "world_edges: \"apart\" is of bodies at points, whose table [contact] gives them world edges; there is none"
+                .into()
         })?;
         self.segments.check().map_err(|e| e.to_string())
     }
@@ -185,6 +192,14 @@ impl Architecture {
         };
         within("width", self.width, 1, MAX_WIDTH)?;
         within("hidden_layers", self.hidden_layers, 1, 16)?;
+        within("node_rwse_steps", self.micro.node_rwse_steps, 0, MAX_WALK)?;
+        let name = self.name().name();
+        expect(self.passes_messages() || self.micro.node_sums == NodeSums::After, || {
+            format!(
+                "node_sums: kind {name} has no layers that pass messages along edges with latents (eq. 2 to 4); \"before\" is of kinds \
+                 m4gn, mesh-graph-net and eagle"
+            )
+        })?;
         match &self.kind {
             Kind::MeshGraphNet { layers } | Kind::Gcn { layers } => within("layers", *layers, 0, MAX_LAYERS),
             Kind::BsmsGnn { levels } | Kind::GUNet { levels } => within("levels", *levels, 1, MAX_LEVELS),
@@ -217,7 +232,7 @@ fn expect(ok: bool, message: impl FnOnce() -> String) -> Verdict {
 #[cfg(test)]
 mod tests {
     use crate::sample::{bodies, spec};
-    use crate::{Calibration, ContactSpec, Growth, Kind, MacroSpec, Output, Precision};
+    use crate::{Calibration, ContactSpec, Growth, Kind, MacroSpec, NodeSums, Output, Precision, WorldEdges};
     use m4gn_mesh::NodeType;
 
     fn grows(fields: &[&str]) -> Option<Calibration> {
@@ -229,7 +244,7 @@ mod tests {
     fn refuses_what_no_network_can_be_made_of() {
         assert!(spec().check().is_ok());
         type Change = fn(&mut crate::ModelSpec);
-        let broken: [(&str, Change); 22] = [
+        let broken: [(&str, Change); 25] = [
             ("format", |s| s.format = 2),
             ("dim", |s| s.dim = 1),
             ("stride", |s| s.stride = f64::NAN),
@@ -260,6 +275,12 @@ mod tests {
                 (s.fields[0].input, s.fields[0].output) = (false, Output::Value);
             }),
             ("width", |s| s.architecture.width = 0),
+            ("world_edges: \"apart\"", |s| s.architecture.micro.world_edges = WorldEdges::Apart),
+            ("node_rwse_steps: expected 0 to 64", |s| s.architecture.micro.node_rwse_steps = 65),
+            ("node_sums: kind gcn has no", |s| {
+                s.architecture.kind = Kind::Gcn { layers: 1 };
+                s.architecture.micro.node_sums = NodeSums::Before;
+            }),
             ("each once, found T", |s| s.calibration = grows(&["T"])),
             ("each once, found U", |s| s.calibration = grows(&["U", "U"])),
             ("calibration.carried", |s| s.calibration = Some(Calibration::of_carried(1.5))),

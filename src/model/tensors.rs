@@ -1,6 +1,6 @@
 //! The weights: names, shapes, and their check against the description.
 
-use super::{Activation, Kind, M4gn, ModelSpec};
+use super::{Activation, Architecture, Kind, M4gn, ModelSpec};
 use m4gn_mesh::{Error, Result};
 use rand::{RngExt, SeedableRng};
 use std::collections::BTreeMap;
@@ -33,15 +33,18 @@ impl Model {
         let d = a.width;
         let mut list = Shapes { hidden_layers: a.hidden_layers, width: d, shapes: BTreeMap::new() };
         list.mlp("encoder.node", spec.n_node_features(), d, true);
+        if a.micro.node_rwse_steps > 0 {
+            list.mlp("encoder.position", a.micro.node_rwse_steps, spec.n_node_features(), false);
+        }
         match &a.kind {
             Kind::M4gn(m) | Kind::Eagle(m) => {
-                list.messages(spec, m.layers_before + m.layers_after);
+                list.messages(spec);
                 list.macro_stage(spec, m);
             }
-            Kind::MeshGraphNet { layers } => list.messages(spec, *layers),
-            Kind::BsmsGnn { .. } => list.layers(spec.n_edge_features(), a.layers()),
+            Kind::MeshGraphNet { .. } => list.messages(spec),
+            Kind::BsmsGnn { .. } => list.layers(spec.n_edge_features(), a),
             Kind::GUNet { levels } => {
-                list.layers(spec.n_edge_features(), a.layers());
+                list.layers(spec.n_edge_features(), a);
                 (0..*levels).for_each(|l| list.add(format!("processor.{l}.score.weight"), &[1, d]));
             }
             Kind::Gcn { layers } => {
@@ -165,19 +168,23 @@ struct Shapes {
 }
 
 impl Shapes {
-    /// The encoder of edges and the networks of message-passing layers (eq. 1 to 3).
-    fn messages(&mut self, spec: &ModelSpec, layers: usize) {
+    /// The encoders of edges and the networks of message-passing layers (eq. 1 to 4).
+    fn messages(&mut self, spec: &ModelSpec) {
         let d = self.width;
-        self.mlp("encoder.edge", spec.n_edge_features(), d, true);
-        self.layers(d, layers);
+        for name in spec.architecture.edge_encoders() {
+            self.mlp(name, spec.n_edge_features(), d, true);
+        }
+        self.layers(d, &spec.architecture);
     }
 
     /// Message-passing layers that read so many numbers of an edge.
-    fn layers(&mut self, edge: usize, layers: usize) {
+    fn layers(&mut self, edge: usize, a: &Architecture) {
         let d = self.width;
-        for l in 0..layers {
-            self.mlp(&format!("processor.{l}.edge"), edge + 2 * d, d, true);
-            self.mlp(&format!("processor.{l}.node"), 2 * d, d, true);
+        for l in 0..a.layers() {
+            if l < a.edge_networks() {
+                self.mlp(&format!("processor.{l}.edge"), edge + 2 * d, d, true);
+            }
+            self.mlp(&format!("processor.{l}.node"), (1 + a.edge_kinds()) * d, d, true);
         }
     }
 
@@ -242,6 +249,7 @@ impl Shapes {
 mod tests {
     use super::*;
     use crate::sample::spec;
+    use crate::{MicroSpec, NodeSums};
 
     #[test]
     fn names_and_shapes_of_a_small_network() {
@@ -269,6 +277,15 @@ mod tests {
         let shapes = Model::tensor_shapes(&s);
         assert_eq!(shapes["decoder.0.weight"], [8, 8]);
         assert_eq!(shapes.len(), 6 * 6 + 4 + 6);
+        s.architecture.micro.node_sums = NodeSums::Before;
+        let shapes = Model::tensor_shapes(&s);
+        assert!(shapes.contains_key("processor.0.edge.0.weight"));
+        assert_eq!(shapes.len(), 5 * 6 + 4 + 6, "the last layer has no edge network");
+        s.architecture.micro = MicroSpec { node_rwse_steps: 6, ..MicroSpec::default() };
+        let shapes = Model::tensor_shapes(&s);
+        assert_eq!(shapes["encoder.position.0.weight"], [8, 6]);
+        assert_eq!(shapes["encoder.position.1.weight"], [2 + 1 + 4, 8]);
+        s.architecture.micro = Default::default();
         s.architecture.kind = Kind::Gcn { layers: 2 };
         let shapes = Model::tensor_shapes(&s);
         assert_eq!(shapes["encoder.node.0.weight"], [8, 3 + 4]);

@@ -3,7 +3,7 @@
 
 use crate::graph::Graph;
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
+use m4gn_mesh::parallel::{Comm, Element};
 use m4gn_mesh::{Error, Result};
 
 /// Cells and the faces between them in compressed rows, neighbours ascending.
@@ -144,14 +144,11 @@ impl Root {
         Some(all)
     }
 
-    /// Each rank's own part of the root's labels. Collective.
-    pub fn hand_out(root: Option<&Self>, labels: &[i32], comm: &Comm) -> Vec<i32> {
-        let send: Vec<Vec<i32>> = match root {
-            Some(root) => root
-                .cells
-                .iter()
-                .map(|cells| cells.iter().map(|&cell| labels[cell as usize]).collect())
-                .collect(),
+    /// Each rank's own part of the root's rows of `width` values. Collective.
+    pub fn hand_out<V: Element>(root: Option<&Self>, values: &[V], width: usize, comm: &Comm) -> Vec<V> {
+        let row = |&cell: &i64| values[cell as usize * width..][..width].iter().cloned();
+        let send: Vec<Vec<V>> = match root {
+            Some(root) => root.cells.iter().map(|cells| cells.iter().flat_map(row).collect()).collect(),
             None => vec![Vec::new(); comm.size() as usize],
         };
         comm.all_to_all(&send).into_iter().next().unwrap_or_default()

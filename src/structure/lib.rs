@@ -31,6 +31,7 @@ pub use record::{Record, misfit};
 pub use sequence::Sequence;
 pub use structure::Structure;
 pub use top_k::Pooled;
+pub use walk::{node_walk, walk_of_pairs};
 
 use cell_graph::Root;
 use graph::Graph;
@@ -164,7 +165,7 @@ fn compute(
         None => Ok(Vec::new()),
     };
     let first = comm.agree(first)?;
-    let mut labels = Root::hand_out(root.as_ref(), &first, comm);
+    let mut labels = Root::hand_out(root.as_ref(), &first, 1, comm);
     let mut sweeps = Vec::new();
     if needs_modes(spec, total[0])
         && let Some(modes) = modes
@@ -178,7 +179,7 @@ fn compute(
         if let Some(root) = &root {
             reassigned[0] = connect::connect(&root.graph, &mut all, spec.count) as i64;
         }
-        labels = Root::hand_out(root.as_ref(), &all, comm);
+        labels = Root::hand_out(root.as_ref(), &all, 1, comm);
     }
     comm.broadcast(&mut reassigned);
     drop(root);

@@ -2,7 +2,7 @@
 
 use super::graph::Graph;
 use super::levels::{Level, bi_stride};
-use super::{Segmentation, Sequence, segment};
+use super::{Segmentation, Sequence, node_walk, segment};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::modal::ModalSource;
@@ -20,6 +20,8 @@ pub struct Structure {
     pub sequence: Option<Sequence>,
     /// Coarser graphs, the finest first; as many as the network needs.
     pub levels: Vec<Level>,
+    /// Positional encoding of the nodes `[n_owned x node_rwse_steps]`; empty where the network needs none.
+    pub walk: Vec<f32>,
 }
 
 impl Structure {
@@ -57,7 +59,8 @@ impl Structure {
             false => None,
         };
         let sequence = Self::sequence_of(segments.as_ref(), needs, mesh, comm)?;
-        Ok(Structure { graph, segments, sequence, levels })
+        let walk = node_walk(mesh, needs.walk, comm)?;
+        Ok(Structure { graph, segments, sequence, levels, walk })
     }
 
     /// The order of the nodes of a mesh, its cells and boundary faces, within their segments, for a network that needs it. Collective;
@@ -95,6 +98,23 @@ impl Structure {
             )),
             (true, sequence) => Ok(sequence),
             (false, _) => Ok(None),
+        }
+    }
+
+    /// The positional encoding of the nodes, as far as a network needs it.
+    ///
+    /// # Errors
+    /// [`Error::Model`] for one of other nodes, or of another number of steps.
+    pub fn walk_for(&self, needs: Needs) -> Result<&[f32]> {
+        let expected = self.graph.n_owned * needs.walk;
+        match needs.walk {
+            0 => Ok(&[]),
+            _ if self.walk.len() == expected => Ok(&self.walk),
+            steps => Err(Error::Model(format!(
+                "the model needs {steps} random-walk steps of each of {} nodes, {expected} numbers; {} were given",
+                self.graph.n_owned,
+                self.walk.len()
+            ))),
         }
     }
 

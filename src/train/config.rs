@@ -7,7 +7,7 @@ use m4gn_mesh::NodeType;
 use m4gn_mesh::{Error, Result, files};
 use m4gn_model::{
     Activation, Architecture, ArchitectureKeys, ContactSpec, FieldSpec, KindName, MacroSpec, ModelSpec,
-    Output, SegmentSpec,
+    NodeSums, Output, SegmentSpec, WorldEdges,
 };
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -54,6 +54,15 @@ pub struct ModelConfig {
     pub hidden_layers: usize,
     /// Activation of the multi-layer perceptrons.
     pub activation: Activation,
+    /// Which latents of its edges a node sums: `after` or `before` the layer.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub node_sums: NodeSums,
+    /// Whether world edges have an encoder and sums of their own: `together` or `apart`.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub world_edges: WorldEdges,
+    /// Random-walk steps of the nodes' positional encoding; 0: none.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub node_rwse_steps: usize,
     /// Layers of a network without a macro stage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub layers: Option<usize>,
@@ -116,6 +125,9 @@ impl Config {
             width: m.width,
             hidden_layers: m.hidden_layers,
             activation: m.activation,
+            node_sums: m.node_sums,
+            world_edges: m.world_edges,
+            node_rwse_steps: m.node_rwse_steps,
             layers: m.layers,
             levels: m.levels,
             layers_before: m.layers_before,
@@ -255,6 +267,10 @@ impl Config {
         }
         Ok(())
     }
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 fn fault(message: &str) -> Error {

@@ -92,6 +92,17 @@ fn each_wrong_value_is_named() {
         ("[training]", "[segments]\ntau = -2.0\n[training]", "segments.tau"),
         ("[training]", "[segments]\nmethod = \"slic-x\"\n[training]", "slic-mdode"),
         ("layers = 1", "layers = 1\nlayers_after = 2", "layers_after"),
+        ("\n    layers = 1", "\n    layers = 1\n    node_sums = \"both\"", "before"),
+        (
+            "\n    layers = 1",
+            "\n    layers = 1\n    world_edges = \"apart\"",
+            "world_edges: \"apart\" is of bodies",
+        ),
+        (
+            "\n    layers = 1",
+            "\n    layers = 1\n    node_rwse_steps = 65",
+            "node_rwse_steps: expected 0 to 64",
+        ),
         ("[[0, 1], [20, 2]]", "[[5, 1]]", "training.unroll"),
         ("{ U = 0.02 }", "{ p = 0.02 }", "training.noise.p"),
         ("[training]", "[training]\nema_decay = 1.0", "training.ema_decay"),
@@ -120,6 +131,10 @@ fn without_a_kind_the_macro_table_tells() {
     let stage = "[macro]\nlayers = 1\nheads = 2\nffn_width = 8\nrwse_steps = 0\ncentroids = false\noffsets = false\n[training]";
     assert_eq!(kind(&old.replace("[training]", stage)), KindName::M4gn);
     assert_eq!(kind(&SMALL.replace("mesh-graph-net", "gcn")), KindName::Gcn);
+    let switched = SMALL
+        .replace("\n    layers =", "\n    node_sums = \"before\"\n    node_rwse_steps = 4\n    layers =");
+    let micro = Config::parse(&switched).unwrap().architecture().unwrap().micro;
+    assert_eq!((micro.node_sums, micro.node_rwse_steps), (NodeSums::Before, 4));
     let levels = SMALL.replace("mesh-graph-net", "bsms-gnn").replace("\n    layers =", "\n    levels =");
     assert_eq!(kind(&levels), KindName::BsmsGnn);
     let heads = stage.replace("heads = 2", "heads = 3");

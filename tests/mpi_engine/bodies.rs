@@ -6,7 +6,7 @@ use m4gn_mesh::NodeType;
 use m4gn_mesh::body::Body;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{Calibration, ContactSpec, Model, ModelSpec, SegmentMethod, SegmentSpec};
+use m4gn_model::{Calibration, ContactSpec, Model, ModelSpec, SegmentMethod, SegmentSpec, WorldEdges};
 use m4gn_samples::bodies as sample;
 use m4gn_step::{Session, SessionOptions};
 
@@ -25,9 +25,17 @@ fn spec(base: ModelSpec, method: SegmentMethod, overlap: usize) -> ModelSpec {
 /// What differs from a run on one rank.
 pub fn failures(comm: &Comm, base: &ModelSpec) -> Vec<String> {
     let mut failures = Vec::new();
-    for (method, overlap) in [(SegmentMethod::SlicExp, 0), (SegmentMethod::Metis, 1)] {
-        let name = format!("body, {method}, overlap {overlap}");
-        match compare(comm, spec(base.clone(), method, overlap)) {
+    let (together, apart) = (WorldEdges::Together, WorldEdges::Apart);
+    for (method, overlap, world_edges) in [
+        (SegmentMethod::SlicExp, 0, together),
+        (SegmentMethod::Metis, 1, together),
+        (SegmentMethod::Metis, 0, apart),
+    ] {
+        let name = format!("body, {method}, overlap {overlap}, world edges {world_edges:?}");
+        let mut spec = spec(base.clone(), method, overlap);
+        spec.architecture.micro.world_edges = world_edges;
+        spec.architecture.micro.node_rwse_steps = if world_edges == apart { 5 } else { 0 };
+        match compare(comm, spec) {
             Ok(error) if error < super::TOLERANCE => {}
             Ok(error) => failures.push(format!("{name}: differs from serial by {error:e}")),
             Err(e) => failures.push(format!("{name}: {e}")),

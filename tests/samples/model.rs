@@ -2,8 +2,8 @@
 
 use m4gn_mesh::NodeType;
 use m4gn_model::{
-    Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, ModelSpec, Output, Precision,
-    SegmentSpec,
+    Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, MicroSpec, ModelSpec, Output,
+    Precision, SegmentSpec,
 };
 
 /// A small network with every part in it: U (delta) and p (value), two layers before and one after the macro
@@ -27,6 +27,7 @@ pub fn spec() -> ModelSpec {
             width: 8,
             hidden_layers: 1,
             activation: Activation::Relu,
+            micro: MicroSpec::default(),
             kind: Kind::M4gn(M4gn {
                 layers_before: 2,
                 layers_after: 1,

@@ -195,7 +195,8 @@ pub unsafe extern "C" fn m4gn_torch_load(
         let structure = unsafe {
             let segments = segments_of(g)?;
             let sequence = sequence_of(g, segments.as_ref())?;
-            Structure { graph: graph_of(g)?, segments, sequence, levels: levels_of(g)? }
+            let walk = slice(g.walk, length(g.n_owned)? * length(g.n_walk)?)?.to_vec();
+            Structure { graph: graph_of(g)?, segments, sequence, levels: levels_of(g)?, walk }
         };
         let device = parse_device(&device)?;
         let loaded = Inference::new(&model, &structure, device)?;

@@ -5,7 +5,7 @@
 
 use crate::processor;
 use crate::weights::Weights;
-use m4gn_model::{Activation, Architecture, MacroSpec};
+use m4gn_model::{Activation, Architecture, MacroSpec, NodeSums};
 use tch::{Device, Kind, Tensor};
 
 /// One or more graphs as index and feature tensors; graphs are a disjoint union.
@@ -47,6 +47,8 @@ pub struct Topology {
     pub levels: Vec<Level>,
     /// Graph of each node.
     pub part: Vec<u32>,
+    /// Positional encoding of the nodes `[N x node_rwse_steps]`.
+    pub walk: Option<Tensor>,
 }
 
 /// What a recurrence reads of each segment.
@@ -80,6 +82,8 @@ pub(crate) struct Links<'a> {
     pub nodes: i64,
     pub senders: &'a Tensor,
     pub receivers: &'a Tensor,
+    /// As of [`Topology`], where world edges are summed apart.
+    pub is_world: Option<&'a Tensor>,
 }
 
 impl Topology {
@@ -104,11 +108,12 @@ impl Topology {
             position: clone(&self.position),
             levels: self.levels.iter().map(Level::share).collect(),
             part: self.part.clone(),
+            walk: clone(&self.walk),
         }
     }
 
     pub(crate) fn links(&self) -> Links<'_> {
-        Links { nodes: self.nodes, senders: &self.senders, receivers: &self.receivers }
+        Links { nodes: self.nodes, senders: &self.senders, receivers: &self.receivers, is_world: None }
     }
 }
 
@@ -131,7 +136,7 @@ impl Level {
     }
 
     pub(crate) fn links(&self) -> Links<'_> {
-        Links { nodes: self.nodes, senders: &self.senders, receivers: &self.receivers }
+        Links { nodes: self.nodes, senders: &self.senders, receivers: &self.receivers, is_world: None }
     }
 }
 
@@ -155,6 +160,12 @@ pub struct Rows {
     pub(crate) operand: Tensor,
 }
 
+impl Rows {
+    fn share(&self) -> Self {
+        Rows { full: self.full.shallow_clone(), operand: self.operand.shallow_clone() }
+    }
+}
+
 /// The network with its weights, for as many forward passes as the weights live.
 pub struct Network<'a> {
     architecture: &'a Architecture,
@@ -174,7 +185,11 @@ impl<'a> Network<'a> {
 
     /// Normalised node fields `[N x inputs]` and edge features, those of coarser graphs included, to normalised outputs `[C x outputs]`.
     pub fn forward(&self, graph: &Topology, fields: &Tensor, edges: &Tensor) -> Tensor {
-        let h = self.encode("encoder.node", &Tensor::cat(&[fields, &graph.fixed], 1));
+        let mut features = Tensor::cat(&[fields, &graph.fixed], 1);
+        if let Some(walk) = &graph.walk {
+            features += float(&self.mlp("encoder.position", walk));
+        }
+        let h = self.encode("encoder.node", &features);
         let rows = processor::of(self.architecture).run(self, graph, h, edges);
         float(&self.mlp("decoder", &rows))
     }
@@ -202,12 +217,30 @@ impl<'a> Network<'a> {
         let full = |part: &str| self.weights.full(&format!("{name}.0.{part}"));
         let first = float(x).linear(full("weight"), Some(full("bias")));
         let x = self.hidden(name, self.activate(&first));
-        self.add_normed(name, None, &x, None).0
+        self.add_normed(name, None, &x)
     }
 
-    /// Eq. 2 and 3: new edges from edges and their ends, new nodes from nodes and the sum of their edges.
+    /// Eq. 2 to 4: new edges from edges and their ends, new nodes from nodes and the sum of their edges.
     pub(crate) fn message_passing(&self, layer: usize, graph: &Topology, h: &mut Rows, e: &mut Rows) {
-        *e = self.pass(layer, graph.links(), h, &e.operand, Some(e));
+        let is_world = self.apart(graph);
+        *e = self.pass(layer, Links { is_world, ..graph.links() }, h, &e.operand, Some(e));
+    }
+
+    /// Eq. 1 of the edges.
+    pub(crate) fn encode_edges(&self, graph: &Topology, features: &Tensor) -> Rows {
+        let own = self.encode("encoder.edge", features);
+        match self.apart(graph) {
+            Some(is_world) => {
+                let other = self.encode("encoder.world_edge", features).full;
+                self.rows(own.full * (1.0 - is_world) + other * is_world)
+            }
+            None => own,
+        }
+    }
+
+    /// Which edges are world edges, where these have weights of their own.
+    fn apart<'g>(&self, graph: &'g Topology) -> Option<&'g Tensor> {
+        graph.is_world.as_ref().filter(|_| self.architecture.edge_kinds() > 1)
     }
 
     /// Messages of the edges' features, where edges have no latents.
@@ -220,38 +253,42 @@ impl<'a> Network<'a> {
         let (edge, node) = (format!("processor.{layer}.edge"), format!("processor.{layer}.node"));
         let d = self.architecture.width as i64;
         let none = None::<&Tensor>;
-        let blocks =
-            self.weights.product(&format!("{edge}.0.weight")).split_with_sizes([own.size()[1], d, d], 1);
-        let own = own.linear(&blocks[0], Some(self.weights.product(&format!("{edge}.0.bias"))));
-        let senders = pick(&h.operand.linear(&blocks[1], none), links.senders);
-        let receivers = pick(&h.operand.linear(&blocks[2], none), links.receivers);
-        let first = self.activate(&(own + senders + receivers));
-        let (edges, sums) = self.add_normed(&edge, before, &self.hidden(&edge, first), Some(links));
+        let edges = match (layer < self.architecture.edge_networks(), before) {
+            (false, Some(before)) => before.share(),
+            _ => {
+                let first = self.weights.product(&format!("{edge}.0.weight"));
+                let blocks = first.split_with_sizes([own.size()[1], d, d], 1);
+                let own = own.linear(&blocks[0], Some(self.weights.product(&format!("{edge}.0.bias"))));
+                let senders = pick(&h.operand.linear(&blocks[1], none), links.senders);
+                let receivers = pick(&h.operand.linear(&blocks[2], none), links.receivers);
+                let first = self.activate(&(own + senders + receivers));
+                self.add_normed(&edge, before, &self.hidden(&edge, first))
+            }
+        };
+        let summed = match (self.architecture.micro.node_sums, before) {
+            (NodeSums::Before, Some(before)) => before,
+            _ => &edges,
+        };
         let blocks = self.weights.product(&format!("{node}.0.weight")).split(d, 1);
         let own = h.operand.linear(&blocks[0], Some(self.weights.product(&format!("{node}.0.bias"))));
-        let first = match sums {
-            Some(sums) => own.addmm(&sums, &blocks[1].tr()),
-            None => own,
+        let summed = match links.is_world {
+            Some(is_world) => vec![&summed.full * (1.0 - is_world), &summed.full * is_world],
+            None => vec![summed.full.shallow_clone()],
         };
-        *h = self.add_normed(&node, Some(h), &self.hidden(&node, self.activate(&first)), None).0;
+        let first = summed.iter().zip(&blocks[1..]).fold(own, |first, (rows, block)| {
+            first.addmm(&self.operand(&sum_into(links.nodes, rows, links.receivers)), &block.tr())
+        });
+        *h = self.add_normed(&node, Some(h), &self.hidden(&node, self.activate(&first)));
         edges
     }
 
-    /// `residual + layer_norm(x)`, and the sums of these rows over the receivers of `links`.
-    fn add_normed(
-        &self,
-        name: &str,
-        residual: Option<&Rows>,
-        x: &Tensor,
-        links: Option<Links>,
-    ) -> (Rows, Option<Tensor>) {
+    /// `residual + layer_norm(x)`.
+    fn add_normed(&self, name: &str, residual: Option<&Rows>, x: &Tensor) -> Rows {
         let normed = self.layer_norm(&format!("{name}.norm"), x);
-        let full = match residual {
+        self.rows(match residual {
             Some(residual) => &residual.full + normed,
             None => float(&normed),
-        };
-        let sums = links.map(|l| self.operand(&sum_into(l.nodes, &full, l.receivers)));
-        (self.rows(full), sums)
+        })
     }
 
     pub(crate) fn rows(&self, full: Tensor) -> Rows {

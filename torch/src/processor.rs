@@ -29,7 +29,7 @@ struct WithSegments<'a>(&'a M4gn);
 impl Processor for WithSegments<'_> {
     fn run(&self, network: &Network, graph: &Topology, mut h: Rows, edges: &Tensor) -> Tensor {
         let m = self.0;
-        let mut e = network.encode("encoder.edge", edges);
+        let mut e = network.encode_edges(graph, edges);
         for l in 0..m.layers_before {
             network.message_passing(l, graph, &mut h, &mut e);
         }
@@ -54,7 +54,7 @@ struct Messages(usize);
 
 impl Processor for Messages {
     fn run(&self, network: &Network, graph: &Topology, mut h: Rows, edges: &Tensor) -> Tensor {
-        let mut e = network.encode("encoder.edge", edges);
+        let mut e = network.encode_edges(graph, edges);
         for l in 0..self.0 {
             network.message_passing(l, graph, &mut h, &mut e);
         }
@@ -124,7 +124,7 @@ struct Floor {
 
 impl Floor {
     fn links(&self) -> Links<'_> {
-        Links { nodes: self.nodes, senders: &self.senders, receivers: &self.receivers }
+        Links { nodes: self.nodes, senders: &self.senders, receivers: &self.receivers, is_world: None }
     }
 
     /// The graph of the nodes with the largest scores.

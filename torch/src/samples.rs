@@ -34,6 +34,8 @@ pub struct HostGraph {
     sequence: Vec<Vec<i64>>,
     position: Vec<f32>,
     levels: Vec<m4gn_structure::Level>,
+    /// Positional encoding of the nodes.
+    walk: Vec<f32>,
 }
 
 /// One recorded trajectory.
@@ -122,6 +124,7 @@ impl HostGraph {
             sequence: sequence.map_or(Vec::new(), read),
             position: segments.position.clone(),
             levels: structure.levels_for(spec.architecture.needs())?.to_vec(),
+            walk: structure.walk_for(spec.architecture.needs())?.to_vec(),
         })
     }
 
@@ -145,6 +148,8 @@ impl HostGraph {
         let mut sequences: Vec<Vec<i64>> = Vec::new();
         let (mut fixed, mut node_weight) = (vec![0f32; nodes * width], vec![0f32; nodes]);
         let mut part = vec![0; nodes];
+        let steps = spec.architecture.micro.node_rwse_steps;
+        let mut walk = vec![0f32; nodes * steps];
         for (g, graph) in graphs.iter().enumerate() {
             let place = |node: i64| {
                 let node = node as usize;
@@ -164,6 +169,7 @@ impl HostGraph {
                 part[to] = g as u32;
                 node_weight[to] = graph.node_weight[node];
                 fixed[to * width..][..width].copy_from_slice(&graph.fixed[node * width..][..width]);
+                walk[to * steps..][..steps].copy_from_slice(&graph.walk[node * steps..][..steps]);
             }
             first_cell += graph.cells;
             first_boundary += graph.boundary;
@@ -196,6 +202,7 @@ impl HostGraph {
             },
             levels,
             part,
+            walk: (steps > 0).then(|| to(Tensor::from_slice(&walk).view([nodes as i64, steps as i64]))),
         }
     }
 

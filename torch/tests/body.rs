@@ -5,8 +5,8 @@ use m4gn_domain::Components;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::parallel::Comm;
 use m4gn_model::{
-    Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, Model, ModelSpec, Output,
-    Precision, SegmentMethod, SegmentSpec,
+    Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec,
+    Output, Precision, SegmentMethod, SegmentSpec,
 };
 use m4gn_step::{Session, SessionOptions};
 use m4gn_torch::contact;
@@ -37,6 +37,7 @@ fn spec() -> ModelSpec {
             width: 32,
             hidden_layers: 1,
             activation: Activation::Relu,
+            micro: MicroSpec::default(),
             kind: Kind::M4gn(M4gn { layers_before: 2, layers_after: 2, segment_transformer: stage }),
         },
         contact: Some(ContactSpec { radius: 0.6 }),

@@ -9,8 +9,8 @@ use m4gn_learn::samples::Sample;
 use m4gn_learn::{Backend, Batch, Example, Learned, NativeBackend, Rollout, Workload};
 use m4gn_mesh::NodeType;
 use m4gn_model::{
-    Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, Model, ModelSpec, Output,
-    SegmentMethod, SegmentSpec,
+    Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec,
+    NodeSums, Output, SegmentMethod, SegmentSpec, WorldEdges,
 };
 use m4gn_samples::training as sample;
 use m4gn_torch::backend::TorchBackend;
@@ -40,6 +40,7 @@ fn spec() -> ModelSpec {
             width: 32,
             hidden_layers: 2,
             activation: Activation::Silu,
+            micro: MicroSpec::default(),
             kind: Kind::M4gn(M4gn {
                 layers_before: 2,
                 layers_after: 1,
@@ -70,7 +71,7 @@ fn stage(spec: &mut ModelSpec) -> &mut MacroSpec {
 /// What differs from [`spec`].
 type Change = fn(&mut ModelSpec);
 
-const SWITCHES: [(&str, Change); 18] = [
+const SWITCHES: [(&str, Change); 20] = [
     ("all", |_| ()),
     ("one hidden layer", |s| s.architecture.hidden_layers = 1),
     ("three hidden layers", |s| s.architecture.hidden_layers = 3),
@@ -87,6 +88,8 @@ const SWITCHES: [(&str, Change); 18] = [
     ("mesh-graph-net", |s| {
         s.architecture.kind = Kind::MeshGraphNet { layers: 2 };
     }),
+    ("node sums before", |s| s.architecture.micro.node_sums = NodeSums::Before),
+    ("node positions", |s| s.architecture.micro.node_rwse_steps = 5),
     ("gcn", |s| s.architecture.kind = Kind::Gcn { layers: 2 }),
     ("bsms-gnn", |s| s.architecture.kind = Kind::BsmsGnn { levels: 3 }),
     ("g-u-net", |s| s.architecture.kind = Kind::GUNet { levels: 3 }),
@@ -308,5 +311,15 @@ fn gradients_of_bodies_are_those_of_libtorch() {
     spec.contact = Some(ContactSpec { radius: 0.6 });
     spec.segments.method = SegmentMethod::SlicExp;
     spec.segments.modes = 1;
-    compare("bodies", &spec, &solids(&spec), Precision::Fp32, 1e-5);
+    for (name, micro) in [
+        ("bodies", MicroSpec::default()),
+        ("world edges apart", MicroSpec { world_edges: WorldEdges::Apart, ..MicroSpec::default() }),
+        (
+            "the paper's",
+            MicroSpec { world_edges: WorldEdges::Apart, node_sums: NodeSums::Before, node_rwse_steps: 4 },
+        ),
+    ] {
+        spec.architecture.micro = micro;
+        compare(name, &spec, &solids(&spec), Precision::Fp32, 1e-5);
+    }
 }

@@ -5,8 +5,8 @@ use m4gn_engine::{Engine, EngineOptions, Forward};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{
-    Activation, Architecture, FieldSpec, M4gn, MacroSpec, Model, ModelSpec, Output, Precision, SegmentMethod,
-    SegmentSpec,
+    Activation, Architecture, FieldSpec, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, NodeSums, Output,
+    Precision, SegmentMethod, SegmentSpec,
 };
 use m4gn_samples::mesh as sample;
 use m4gn_structure::Structure;
@@ -60,6 +60,7 @@ fn whole(width: usize) -> ModelSpec {
         width,
         hidden_layers: 1,
         activation: Activation::Relu,
+        micro: MicroSpec::default(),
         kind: m4gn_model::Kind::M4gn(M4gn { layers_before: 2, layers_after: 2, segment_transformer: stage }),
     };
     spec(architecture, 1)
@@ -151,6 +152,7 @@ fn native_engine_and_tch_model_agree() {
         width: 32,
         hidden_layers,
         activation,
+        micro: MicroSpec::default(),
         kind,
     };
     let m4gn = |layers_before, layers_after, segment_transformer| {
@@ -175,8 +177,19 @@ fn native_engine_and_tch_model_agree() {
         (network(m4gn(2, 2, stage(2, 5)), Activation::Silu, 1), 0),
         (network(m4gn(2, 1, stage(1, 0)), Activation::Relu, 1), 2),
     ] {
-        let relative = difference(&spec(architecture.clone(), overlap));
-        // fp32 sums in different orders, over a few layers.
-        assert!(relative < 1e-5, "{relative:e} for {architecture:?}, overlap {overlap}");
+        let none = MicroSpec::default();
+        let [before, walk] =
+            [MicroSpec { node_sums: NodeSums::Before, ..none }, MicroSpec { node_rwse_steps: 6, ..none }];
+        for micro in [none, before, walk] {
+            let mut spec = spec(architecture.clone(), overlap);
+            spec.architecture.micro = micro;
+            if spec.check().is_err() {
+                assert!(!architecture.passes_messages(), "{architecture:?} takes no {micro:?}");
+                continue;
+            }
+            let relative = difference(&spec);
+            // fp32 sums in different orders, over a few layers.
+            assert!(relative < 1e-5, "{relative:e} for {:?}, overlap {overlap}", spec.architecture);
+        }
     }
 }

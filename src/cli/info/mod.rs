@@ -5,7 +5,7 @@ mod body;
 use super::write_json;
 use m4gn_data::{Frame, Split, Trajectory, list};
 use m4gn_mesh::{Error, Mesh, NodeType, Result};
-use m4gn_model::{Kind, Model, TrainedOn};
+use m4gn_model::{Kind, Model, NodeSums, TrainedOn, WorldEdges};
 use m4gn_report::number;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -239,9 +239,19 @@ fn model(path: &Path) -> Result<(String, Value)> {
     };
     let types: Vec<&str> = spec.node_types.iter().map(|t| t.name()).collect();
     let _ = writeln!(text, "node types  {}", types.join(", "));
+    let mut switches = String::new();
+    if a.micro.node_sums == NodeSums::Before {
+        switches += ", node sums before";
+    }
+    if a.micro.world_edges == WorldEdges::Apart {
+        switches += ", world edges apart";
+    }
+    if a.micro.node_rwse_steps > 0 {
+        let _ = write!(switches, ", {} random-walk steps of the nodes", a.micro.node_rwse_steps);
+    }
     let _ = writeln!(
         text,
-        "network     {}: width {}, {layers}, MLPs with {} hidden layers, {:?}",
+        "network     {}: width {}, {layers}, MLPs with {} hidden layers, {:?}{switches}",
         a.name().name(),
         a.width,
         a.hidden_layers,

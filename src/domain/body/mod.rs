@@ -64,7 +64,14 @@ impl Made {
         };
         let needs = spec.architecture.needs();
         let sequence = Structure::sequence_of(segments.as_ref(), needs, &part.mesh, comm)?;
-        Ok(Made { part, body, structure: Structure { graph, segments, sequence, levels: Vec::new() } })
+        let mut walk = m4gn_structure::node_walk(&segments::without_obstacle(&part), needs.walk, comm)?;
+        // The obstacle's points are nodes of the first rank.
+        if comm.is_root() {
+            let pairs = &part.obstacle_edges;
+            walk.extend(m4gn_structure::walk_of_pairs(part.obstacle.len(), pairs, needs.walk));
+        }
+        let structure = Structure { graph, segments, sequence, levels: Vec::new(), walk };
+        Ok(Made { part, body, structure })
     }
 }
 

@@ -71,7 +71,8 @@ pub fn of_labels(
     Ok(finished(body, &bare, part, nodes, spec, comm))
 }
 
-fn without_obstacle(part: &BodyPart) -> Mesh {
+/// This rank's part of the body alone.
+pub(super) fn without_obstacle(part: &BodyPart) -> Mesh {
     Mesh { boundary: Vec::new(), ..part.mesh.clone() }
 }
 

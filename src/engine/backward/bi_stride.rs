@@ -2,7 +2,7 @@
 
 use super::Scales;
 use super::graph::TrainGraph;
-use super::layer::{Layer, LayerTape};
+use super::layer::{Layer, LayerTape, Links};
 use super::mlp::fit;
 use super::network::Buffers;
 use super::processor::Processor;
@@ -105,10 +105,10 @@ impl<T: Number> Processor<T> for BiStride<T> {
         let mut layer = |l: usize, number: usize, nodes: &mut [f32]| {
             let (order, tiles, of_edges) = graph.level::<T>(l);
             let kept = &mut layers[number];
-            kept.fit(order.node.len(), order.senders.len(), columns);
+            kept.fit(order.node.len(), order.senders.len(), &self.layers[number]);
             let scale = (&scales.edge.mean[..], &scales.edge.inverse[..]);
             features(scale, of_edges, &order.edge, columns, &mut kept.edges);
-            self.layers[number].forward(order, &tiles, kept, &mut work.shared, nodes, None);
+            self.layers[number].forward(Links::of(order), &tiles, kept, &mut work.shared, nodes, None);
         };
         cleared(&mut rows[0], size).copy_from_slice(&work.latents[..size]);
         for l in 0..=depth {
@@ -149,7 +149,8 @@ impl<T: Number> Processor<T> for BiStride<T> {
             let (order, tiles, _) = graph.level::<T>(l);
             let n = order.senders.len();
             let by_edges = cleared(d_edges, n * columns);
-            self.layers[number].backward(order, &tiles, &layers[number], shared, (d, by_edges), gradients);
+            let links = Links::of(order);
+            self.layers[number].backward(links, &tiles, &layers[number], shared, (d, by_edges), gradients);
             let Some(edges) = edges.as_deref_mut().filter(|_| l == 0) else { return };
             let k = self.n_edge_features;
             for (&edge, d) in order.edge.iter().zip(by_edges.chunks_exact(columns)) {

@@ -58,6 +58,8 @@ pub struct TrainGraph {
     pub(super) members: Option<Members>,
     /// The finest first.
     pub(super) coarser: Vec<Coarser>,
+    /// Positional encoding of the nodes, a row a place.
+    pub(super) walk: Vec<f32>,
 }
 
 impl TrainGraph {
@@ -118,6 +120,9 @@ impl TrainGraph {
                 order: own,
             });
         }
+        let (walk, steps) = (structure.walk_for(spec.architecture.needs())?, spec.architecture.needs().walk);
+        let rows = order.node.iter().flat_map(|&i| &walk[i as usize * steps..][..steps]);
+        let walk = rows.copied().collect();
         let numbered = (0..).zip(&order.node).map(|(p, &i)| (p, i));
         Ok(TrainGraph {
             cells: numbered.filter(|(_, i)| (*i as usize) < graph.n_cells).collect(),
@@ -126,6 +131,7 @@ impl TrainGraph {
             edge_features: graph.edge_features.clone(),
             members,
             coarser,
+            walk,
         })
     }
 
@@ -140,6 +146,7 @@ impl TrainGraph {
             fixed: self.fixed.clone(),
             members: self.members.clone(),
             coarser: self.coarser.clone(),
+            walk: self.walk.clone(),
         }
     }
 

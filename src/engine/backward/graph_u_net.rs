@@ -3,7 +3,7 @@
 use super::Scales;
 use super::attention::add;
 use super::graph::TrainGraph;
-use super::layer::{Layer, LayerTape};
+use super::layer::{Layer, LayerTape, Links};
 use super::mlp::fit;
 use super::network::Buffers;
 use super::processor::Processor;
@@ -115,10 +115,10 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
         rows[0][..size].copy_from_slice(&work.latents[..size]);
         let mut layer = |number: usize, order: &Order, of_edges: &[f32], nodes: &mut [f32]| {
             let kept = &mut layers[number];
-            kept.fit(order.node.len(), order.senders.len(), columns);
+            kept.fit(order.node.len(), order.senders.len(), &self.layers[number]);
             features(as_they_are, of_edges, &order.edge, columns, &mut kept.edges);
             let tiles = tiles::cut::<T>(&order.row, order.n_interior);
-            self.layers[number].forward(order, &tiles, kept, &mut work.shared, nodes, None);
+            self.layers[number].forward(Links::of(order), &tiles, kept, &mut work.shared, nodes, None);
         };
         for l in 0..=depth {
             let (order, ends, of_edges) = match below.last() {
@@ -194,7 +194,8 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
             fit(d_edges, order.senders.len() * columns);
             let of_edges = &mut d_edges[..order.senders.len() * columns];
             let kept = &layers[number];
-            self.layers[number].backward(order, &tiles, kept, shared, (d, &mut *of_edges), gradients);
+            let (links, d) = (Links::of(order), (d, &mut *of_edges));
+            self.layers[number].backward(links, &tiles, kept, shared, d, gradients);
             for (&edge, d) in order.edge.iter().zip(of_edges.chunks_exact(columns)) {
                 add(&mut by_edges[l][edge as usize * k..(edge as usize + 1) * k], d);
             }

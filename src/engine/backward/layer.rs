@@ -1,4 +1,4 @@
-//! One message-passing layer (eq. 2, 3), forward with what is kept, and backward.
+//! One message-passing layer (eq. 2 to 4), forward with what is kept, and backward.
 
 use super::mlp::{Mlp, MlpTape, Work, activate, fit};
 use super::weights::{Dense, Gradients, Slots};
@@ -6,25 +6,77 @@ use crate::kernels::{
     Addend, Buffer, Function, Isa, Normed, Number, Output, gather_add, narrow, padded, product, scatter_add,
 };
 use crate::order::Order;
-use crate::tiles::Tile;
+use crate::tiles::{Tile, WORLD};
 use m4gn_mesh::Result;
-use m4gn_model::Architecture;
+use m4gn_model::{Architecture, NodeSums};
 
-/// Weights of a layer, the first one of the edge network cut by input.
+/// The edges of a graph in its order.
+#[derive(Clone, Copy)]
+pub struct Links<'a> {
+    pub order: &'a Order,
+    /// Row of the sum that each edge adds to, counted as the receivers are.
+    pub sums: &'a [i32],
+}
+
+impl<'a> Links<'a> {
+    /// Of edges of one kind.
+    pub fn of(order: &'a Order) -> Self {
+        Links { order, sums: &order.receivers }
+    }
+}
+
+/// Weights of a layer.
 #[derive(Debug)]
 pub struct Layer<T> {
     isa: Isa,
     columns: usize,
-    /// Of latents, or of features.
-    edge_edge: Dense<T>,
-    edge_sender: Dense<T>,
-    edge_receiver: Dense<T>,
-    edge: Mlp<T>,
+    /// Columns of latents and sums.
+    wide: usize,
+    /// Which latents of its edges a node sums.
+    node_sums: NodeSums,
+    /// None where nothing reads what it would make of the edges.
+    edge: Option<EdgeNetwork<T>>,
     /// What messages are added to where edges have no latents: nothing.
     zeros: Option<Buffer<T>>,
     /// Of latents and sums.
     node_first: Dense<T>,
     node: Mlp<T>,
+}
+
+/// Weights of an edge network, the first one cut by input.
+#[derive(Debug)]
+struct EdgeNetwork<T> {
+    /// Of latents, or of features.
+    edge: Dense<T>,
+    sender: Dense<T>,
+    receiver: Dense<T>,
+    rest: Mlp<T>,
+}
+
+impl<T: Number> EdgeNetwork<T> {
+    /// Perceptron `name`.
+    fn new(isa: Isa, slots: &mut Slots, name: &str, architecture: &Architecture) -> Result<Self> {
+        let (d, first) = (architecture.width, format!("{name}.0"));
+        let k = slots.layout().find(&format!("{first}.weight"))?.1[1] - 2 * d;
+        Ok(EdgeNetwork {
+            edge: Dense::columns(isa, slots, &first, 0, k)?,
+            sender: Dense::columns(isa, slots, &first, k, d)?,
+            receiver: Dense::columns(isa, slots, &first, k + d, d)?,
+            rest: Mlp::new(isa, slots, name, architecture)?,
+        })
+    }
+
+    /// Takes the weights of the flat vector.
+    fn load(&mut self, flat: &[f32]) {
+        [&mut self.edge, &mut self.sender, &mut self.receiver].into_iter().for_each(|b| b.load(flat));
+        self.rest.load(flat);
+    }
+
+    /// Bytes of the weights.
+    fn bytes(&self) -> usize {
+        [&self.edge, &self.sender, &self.receiver].iter().map(|d| d.bytes()).sum::<usize>()
+            + self.rest.bytes()
+    }
 }
 
 /// What a layer keeps.
@@ -34,7 +86,7 @@ pub struct LayerTape<T> {
     pub edges: Buffer<T>,
     /// Nodes' latents before it, and the sums over their edges.
     nodes: Buffer<T>,
-    edge: MlpTape<T>,
+    edge: Option<MlpTape<T>>,
     node: MlpTape<T>,
 }
 
@@ -47,7 +99,7 @@ pub struct Shared<T> {
     projected: Buffer<T>,
     /// W_r h of a tile's nodes; backward, derivatives of it.
     receivers: Buffer<f32>,
-    /// Sums over the edges of a tile's nodes; backward, derivatives of these.
+    /// Sums over the edges of a tile's nodes, those of world edges from row [`WORLD`] on; backward, derivatives of these.
     sums: Buffer<f32>,
     /// Derivatives of W_s h of all nodes.
     d_projected: Buffer<f32>,
@@ -57,17 +109,18 @@ pub struct Shared<T> {
 }
 
 impl<T: Number> Shared<T> {
-    /// For rows of up to `widest` columns and latents of `columns`.
-    pub fn new(widest: usize, columns: usize) -> Self {
+    /// For rows of up to `widest` columns, latents of `columns` and so many sums of edges.
+    pub fn new(widest: usize, columns: usize, kinds: usize) -> Self {
         let rows = super::mlp::ROWS;
+        let widest = widest.max((1 + kinds) * columns);
         Shared {
-            work: Work::new(widest.max(2 * columns)),
+            work: Work::new(widest),
             projected: Buffer::new(0),
             receivers: Buffer::new(rows * columns),
-            sums: Buffer::new(rows * columns),
+            sums: Buffer::new((rows + (kinds - 1) * WORLD) * columns),
             d_projected: Buffer::new(0),
-            d_both: Buffer::new(rows * 2 * columns),
-            zeros: vec![0.0; widest.max(2 * columns)],
+            d_both: Buffer::new(rows * (1 + kinds) * columns),
+            zeros: vec![0.0; widest],
         }
     }
 
@@ -99,22 +152,24 @@ impl<T: Number> LayerTape<T> {
         LayerTape {
             edges: Buffer::new(0),
             nodes: Buffer::new(0),
-            edge: MlpTape::new(&layer.edge),
+            edge: layer.edge.as_ref().map(|e| MlpTape::new(&e.rest)),
             node: MlpTape::new(&layer.node),
         }
     }
 
     /// Room for this many nodes and edges.
-    pub fn fit(&mut self, nodes: usize, edges: usize, columns: usize) {
+    pub fn fit(&mut self, nodes: usize, edges: usize, layer: &Layer<T>) {
+        let columns = layer.columns;
         fit(&mut self.edges, edges * columns);
-        fit(&mut self.nodes, nodes * 2 * columns);
-        self.edge.fit(edges, columns);
+        fit(&mut self.nodes, nodes * layer.wide);
+        self.edge.iter_mut().for_each(|e| e.fit(edges, columns));
         self.node.fit(nodes, columns);
     }
 
     /// Bytes.
     pub fn bytes(&self) -> usize {
-        self.edges.bytes() + self.nodes.bytes() + self.edge.bytes() + self.node.bytes()
+        let edge = self.edge.as_ref().map_or(0, |e| e.bytes());
+        self.edges.bytes() + self.nodes.bytes() + edge + self.node.bytes()
     }
 }
 
@@ -123,71 +178,79 @@ impl<T: Number> Layer<T> {
     pub fn new(isa: Isa, slots: &mut Slots, architecture: &Architecture, l: usize) -> Result<Self> {
         let d = architecture.width;
         let (edge, node) = (format!("processor.{l}.edge"), format!("processor.{l}.node"));
-        let (edge_first, node_first) = (format!("{edge}.0"), format!("{node}.0"));
-        let k = slots.layout().find(&format!("{edge_first}.weight"))?.1[1] - 2 * d;
+        let node_first = format!("{node}.0");
         Ok(Layer {
             isa,
             columns: padded(d),
-            edge_edge: Dense::columns(isa, slots, &edge_first, 0, k)?,
-            edge_sender: Dense::columns(isa, slots, &edge_first, k, d)?,
-            edge_receiver: Dense::columns(isa, slots, &edge_first, k + d, d)?,
-            edge: Mlp::new(isa, slots, &edge, architecture)?,
+            node_sums: architecture.micro.node_sums,
+            edge: match l < architecture.edge_networks() {
+                true => Some(EdgeNetwork::new(isa, slots, &edge, architecture)?),
+                false => None,
+            },
             zeros: (!architecture.edge_latents()).then(|| Buffer::new(super::mlp::ROWS * padded(d))),
-            node_first: Dense::of_two(isa, slots, &node_first, d)?,
+            node_first: Dense::of_latents(isa, slots, &node_first, d, 1 + architecture.edge_kinds())?,
+            wide: (1 + architecture.edge_kinds()) * padded(d),
             node: Mlp::new(isa, slots, &node, architecture)?,
         })
     }
 
     /// Takes the weights of the flat vector.
     pub fn load(&mut self, flat: &[f32]) {
-        let blocks =
-            [&mut self.edge_edge, &mut self.edge_sender, &mut self.edge_receiver, &mut self.node_first];
-        blocks.into_iter().for_each(|b| b.load(flat));
-        self.edge.load(flat);
+        self.edge.iter_mut().for_each(|e| e.load(flat));
+        self.node_first.load(flat);
         self.node.load(flat);
     }
 
     /// Bytes of the weights.
     pub fn bytes(&self) -> usize {
-        let first = [&self.edge_edge, &self.edge_sender, &self.edge_receiver, &self.node_first];
-        first.iter().map(|d| d.bytes()).sum::<usize>() + self.edge.bytes() + self.node.bytes()
+        self.edge.as_ref().map_or(0, |e| e.bytes()) + self.node_first.bytes() + self.node.bytes()
     }
 
     /// Advances the nodes in place; `next` gets the edges' latents behind the layer, unless nothing reads them.
     pub fn forward(
         &self,
-        order: &Order,
+        Links { order, sums }: Links,
         tiles: &[Tile],
         tape: &mut LayerTape<T>,
         s: &mut Shared<T>,
         nodes: &mut [f32],
         mut next: Option<&mut Buffer<T>>,
     ) {
-        let (isa, columns) = (self.isa, self.columns);
+        let (isa, columns, wide) = (self.isa, self.columns, self.wide);
         let none = Function::Identity;
         for tile in tiles {
             let n = tile.nodes.len();
             for i in tile.nodes.clone() {
                 let h = &nodes[i * columns..(i + 1) * columns];
-                narrow(isa, h, &mut tape.nodes[2 * i * columns..(2 * i + 1) * columns]);
+                narrow(isa, h, &mut tape.nodes[i * wide..][..columns]);
             }
-            let x = (&tape.nodes[2 * tile.nodes.start * columns..], 2 * columns);
+            let x = (&tape.nodes[tile.nodes.start * wide..], wide);
             let out = &mut s.projected[tile.nodes.start * columns..tile.nodes.end * columns];
-            let weight = self.edge_sender.forward();
-            product(isa, weight, x, n, Addend::Nothing, none, Output::Narrow(out));
+            if let Some(edge) = &self.edge {
+                product(isa, edge.sender.forward(), x, n, Addend::Nothing, none, Output::Narrow(out));
+            }
         }
         // The last layer's edges are needed for their sums alone.
         let mut unread: Buffer<T> = Buffer::new(0);
         for tile in tiles {
             let n = tile.nodes.len();
-            let x = (&tape.nodes[2 * tile.nodes.start * columns..], 2 * columns);
-            let bias = Addend::Bias(&self.edge.first_bias.data);
-            let out = Output::Wide(&mut s.receivers[..]);
-            product(isa, self.edge_receiver.forward(), x, n, bias, none, out);
-            s.sums[..n * columns].fill(0.0);
+            let x = (&tape.nodes[tile.nodes.start * wide..], wide);
+            if let Some(edge) = &self.edge {
+                let bias = Addend::Bias(&edge.rest.first_bias.data);
+                product(isa, edge.receiver.forward(), x, n, bias, none, Output::Wide(&mut s.receivers[..]));
+            }
+            for kind in (0..s.sums.len()).step_by(WORLD * columns) {
+                s.sums[kind..][..n * columns].fill(0.0);
+            }
             for chunk in tile.chunks::<T>() {
                 let range = chunk.start * columns..chunk.end * columns;
                 let (m, owner, first) = (chunk.len(), &order.receivers[chunk.clone()], tile.nodes.start);
+                let into = &sums[chunk.clone()];
+                let before = &tape.edges[range.clone()];
+                if self.node_sums == NodeSums::Before {
+                    scatter_add(isa, before, columns, &mut s.sums, into, first);
+                }
+                let (Some(edge), Some(kept)) = (&self.edge, &mut tape.edge) else { continue };
                 let ends = Addend::Ends {
                     senders: &s.projected[..],
                     index: &order.senders[chunk.clone()],
@@ -195,9 +258,8 @@ impl<T: Number> Layer<T> {
                     owner,
                     first,
                 };
-                let (value, slope) = tape.edge.first(&chunk, columns);
-                let before = &tape.edges[range.clone()];
-                let (weight, f) = (self.edge_edge.forward(), self.edge.function());
+                let (value, slope) = kept.first(&chunk, columns);
+                let (weight, f) = (edge.edge.forward(), edge.rest.function());
                 activate(isa, weight, (before, columns), m, ends, f, &mut s.work.wide, value, slope);
                 let keep = next.is_some();
                 let edges = match next.as_deref_mut() {
@@ -208,13 +270,21 @@ impl<T: Number> Layer<T> {
                     }
                 };
                 let before = Some(self.zeros.as_deref().unwrap_or(before));
-                let out = Normed::Edges { before, edges, keep, sums: &mut s.sums[..], owner, first };
-                self.edge.forward(&mut tape.edge, &chunk, &mut s.work.wide, out);
+                let out = match self.node_sums {
+                    NodeSums::After => {
+                        Normed::Edges { before, edges, keep, sums: &mut s.sums[..], owner: into, first }
+                    }
+                    NodeSums::Before => Normed::Latents { before, edges },
+                };
+                edge.rest.forward(kept, &chunk, &mut s.work.wide, out);
             }
-            for (i, sum) in tile.nodes.clone().zip(s.sums.chunks_exact(columns)) {
-                narrow(isa, sum, &mut tape.nodes[(2 * i + 1) * columns..(2 * i + 2) * columns]);
+            for (row, i) in tile.nodes.clone().enumerate() {
+                let both = tape.nodes[i * wide..(i + 1) * wide].chunks_exact_mut(columns).skip(1);
+                for (kind, to) in both.enumerate() {
+                    narrow(isa, &s.sums[(kind * WORLD + row) * columns..][..columns], to);
+                }
             }
-            let x = (&tape.nodes[2 * tile.nodes.start * columns..], 2 * columns);
+            let x = (&tape.nodes[tile.nodes.start * wide..], wide);
             let bias = Addend::Bias(&self.node.first_bias.data);
             let (value, slope) = tape.node.first(&tile.nodes, columns);
             let (weight, f) = (self.node_first.forward(), self.node.function());
@@ -228,53 +298,61 @@ impl<T: Number> Layer<T> {
     /// alone, to those by them.
     pub fn backward(
         &self,
-        order: &Order,
+        Links { order, sums }: Links,
         tiles: &[Tile],
         tape: &LayerTape<T>,
         s: &mut Shared<T>,
         (d_nodes, d_edges): (&mut [f32], &mut [f32]),
         gradients: &mut Gradients,
     ) {
-        let (isa, columns) = (self.isa, self.columns);
+        let (isa, columns, wide) = (self.isa, self.columns, self.wide);
         let n_nodes = order.node.len();
         s.d_projected[..n_nodes * columns].fill(0.0);
         for tile in tiles {
             let n = tile.nodes.len();
             let own = tile.nodes.start * columns..tile.nodes.end * columns;
-            let x = (&tape.nodes[2 * tile.nodes.start * columns..], 2 * columns);
+            let x = (&tape.nodes[tile.nodes.start * wide..], wide);
             s.work.wide[..n * columns].copy_from_slice(&d_nodes[own.clone()]);
             self.node.backward(&tape.node, &tile.nodes, &mut s.work, gradients);
             let dy = (&s.work.narrow[..], columns);
             self.node_first.learn(dy, x, n, gradients, &mut s.work.pairs);
             self.node_first.back(dy, n, &mut s.d_both);
             let d_own = &mut d_nodes[own.clone()];
-            let rows = s.d_both.chunks_exact(2 * columns).take(n);
-            for (i, both) in rows.enumerate() {
+            for (i, both) in s.d_both.chunks_exact(wide).take(n).enumerate() {
                 let d = &mut d_own[i * columns..(i + 1) * columns];
                 d.iter_mut().zip(&both[..columns]).for_each(|(d, x)| *d += x);
-                s.sums[i * columns..(i + 1) * columns].copy_from_slice(&both[columns..]);
+                for (kind, d) in both[columns..].chunks_exact(columns).enumerate() {
+                    s.sums[(kind * WORLD + i) * columns..][..columns].copy_from_slice(d);
+                }
             }
             s.receivers[..n * columns].fill(0.0);
             for chunk in tile.chunks::<T>() {
                 let m = chunk.len();
                 let range = chunk.start * columns..chunk.end * columns;
                 let (owner, first) = (&order.receivers[chunk.clone()], tile.nodes.start);
+                let into = &sums[chunk.clone()];
                 let d = &mut d_edges[range.clone()];
                 if self.zeros.is_some() {
                     d.fill(0.0);
                 }
-                gather_add(isa, d, columns, &s.sums[..n * columns], owner, first);
+                if self.node_sums == NodeSums::After {
+                    gather_add(isa, d, columns, &s.sums, into, first);
+                }
                 s.work.wide[..d.len()].copy_from_slice(d);
-                self.edge.backward(&tape.edge, &chunk, &mut s.work, gradients);
+                if self.node_sums == NodeSums::Before {
+                    gather_add(isa, d, columns, &s.sums, into, first);
+                }
+                let (Some(edge), Some(kept)) = (&self.edge, &tape.edge) else { continue };
+                edge.rest.backward(kept, &chunk, &mut s.work, gradients);
                 let dy = (&s.work.narrow[..], columns);
                 let before = (&tape.edges[range], columns);
-                self.edge_edge.learn(dy, before, m, gradients, &mut s.work.pairs);
+                edge.edge.learn(dy, before, m, gradients, &mut s.work.pairs);
                 match self.zeros {
-                    None => self.edge_edge.back_add(dy, m, d, &s.zeros),
+                    None => edge.edge.back_add(dy, m, d, &s.zeros),
                     Some(_) => {
-                        self.edge_edge.back(dy, m, d);
+                        edge.edge.back(dy, m, d);
                         // From rows as wide as features to rows of latents.
-                        let width = self.edge_edge.columns_back();
+                        let width = edge.edge.columns_back();
                         (0..m).rev().for_each(|i| d.copy_within(i * width..(i + 1) * width, i * columns));
                     }
                 }
@@ -283,21 +361,23 @@ impl<T: Number> Layer<T> {
                 let senders = &order.senders[chunk];
                 scatter_add(isa, wide, columns, &mut s.d_projected[..n_nodes * columns], senders, 0);
             }
+            let Some(edge) = &self.edge else { continue };
             let Work { narrow: dy, pairs, .. } = &mut s.work;
             narrow(isa, &s.receivers[..n * columns], &mut dy[..n * columns]);
             let dy = (&dy[..], columns);
-            self.edge_receiver.learn(dy, x, n, gradients, pairs);
-            self.edge_receiver.back_add(dy, n, &mut d_nodes[own], &s.zeros);
+            edge.receiver.learn(dy, x, n, gradients, pairs);
+            edge.receiver.back_add(dy, n, &mut d_nodes[own], &s.zeros);
         }
+        let Some(edge) = &self.edge else { return };
         for tile in tiles {
             let n = tile.nodes.len();
             let own = tile.nodes.start * columns..tile.nodes.end * columns;
-            let x = (&tape.nodes[2 * tile.nodes.start * columns..], 2 * columns);
+            let x = (&tape.nodes[tile.nodes.start * wide..], wide);
             let Work { narrow: dy, pairs, .. } = &mut s.work;
             narrow(isa, &s.d_projected[own.clone()], &mut dy[..n * columns]);
             let dy = (&dy[..], columns);
-            self.edge_sender.learn(dy, x, n, gradients, pairs);
-            self.edge_sender.back_add(dy, n, &mut d_nodes[own], &s.zeros);
+            edge.sender.learn(dy, x, n, gradients, pairs);
+            edge.sender.back_add(dy, n, &mut d_nodes[own], &s.zeros);
         }
     }
 }

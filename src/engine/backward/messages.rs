@@ -4,14 +4,15 @@ use super::Scales;
 use super::dispatch::Dispatch;
 use super::encoder_decoder::{Encoder, EncoderTape};
 use super::graph::TrainGraph;
-use super::layer::{Layer, LayerTape};
+use super::layer::{Layer, LayerTape, Links};
 use super::mlp::fit;
 use super::network::Buffers;
 use super::processor::Processor;
 use super::stage::{Stage, StageTape};
 use super::weights::{Dense, Gradients, Slots, Vector};
 use crate::kernels::{Buffer, Isa, Normed, Number, padded};
-use crate::tiles::blocks;
+use crate::order::Order;
+use crate::tiles::{blocks, runs, sums_of_kinds};
 use m4gn_mesh::Result;
 use m4gn_model::ModelSpec;
 
@@ -21,7 +22,8 @@ pub struct Messages<T> {
     pub(super) isa: Isa,
     pub(super) columns: usize,
     n_edge_features: usize,
-    edges: Encoder<T>,
+    /// Of each kind of edges.
+    edges: Vec<Encoder<T>>,
     layers: Vec<Layer<T>>,
     layers_before: usize,
     pub(super) stage: Option<Stage>,
@@ -33,10 +35,19 @@ pub struct Messages<T> {
 #[derive(Debug)]
 pub struct MessagesTape<T> {
     edges: EncoderTape<T>,
+    /// Row of the sum that each edge adds to, where edges are of several kinds.
+    sums: Vec<i32>,
     layers: Vec<LayerTape<T>>,
     pub(super) stage: Option<StageTape>,
     /// Latents before the dispatch.
     pub(super) dispatched: Buffer<T>,
+}
+
+impl<T: Number> Messages<T> {
+    /// The edges of a graph, of several kinds with these sums.
+    fn links<'a>(&self, order: &'a Order, sums: &'a [i32]) -> Links<'a> {
+        if self.edges.len() > 1 { Links { order, sums } } else { Links::of(order) }
+    }
 }
 
 impl<T: Number> Processor<T> for Messages<T> {
@@ -61,7 +72,7 @@ impl<T: Number> Processor<T> for Messages<T> {
             isa,
             columns: padded(a.width),
             n_edge_features: spec.n_edge_features(),
-            edges: Encoder::new(isa, s, "encoder.edge", a)?,
+            edges: a.edge_encoders().iter().map(|n| Encoder::new(isa, s, n, a)).collect::<Result<_>>()?,
             layers: (0..a.layers()).map(|l| Layer::new(isa, s, a, l)).collect::<Result<_>>()?,
             layers_before: a.m4gn().map_or(a.layers(), |m| m.layers_before),
             stage,
@@ -71,7 +82,7 @@ impl<T: Number> Processor<T> for Messages<T> {
     }
 
     fn load(&mut self, flat: &[f32]) {
-        self.edges.load(flat);
+        self.edges.iter_mut().for_each(|e| e.load(flat));
         self.layers.iter_mut().for_each(|l| l.load(flat));
         self.stage.iter_mut().for_each(|s| s.load(flat));
         self.dispatch.iter_mut().for_each(|d| d.load(flat));
@@ -79,12 +90,14 @@ impl<T: Number> Processor<T> for Messages<T> {
 
     fn bytes(&self) -> usize {
         let layers: usize = self.layers.iter().map(|l| l.bytes()).sum();
-        layers + self.edges.bytes() + self.stage.as_ref().map_or(0, |s| s.bytes())
+        let edges: usize = self.edges.iter().map(|e| e.bytes()).sum();
+        layers + edges + self.stage.as_ref().map_or(0, |s| s.bytes())
     }
 
     fn tape(&self) -> MessagesTape<T> {
         MessagesTape {
-            edges: EncoderTape::new(&self.edges),
+            edges: EncoderTape::new(&self.edges[0]),
+            sums: Vec::new(),
             layers: self.layers.iter().map(LayerTape::new).collect(),
             stage: self.stage.as_ref().map(|s| s.tape(self.heads)),
             dispatched: Buffer::new(0),
@@ -108,22 +121,29 @@ impl<T: Number> Processor<T> for Messages<T> {
         work: &mut Buffers<T>,
     ) {
         let (columns, n_nodes, n_edges) = (self.columns, graph.n_nodes(), graph.n_edges());
-        tape.edges.fit(n_edges, &self.edges);
-        tape.layers.iter_mut().for_each(|l| l.fit(n_nodes, n_edges, columns));
+        tape.edges.fit(n_edges, &self.edges[0]);
+        tape.layers.iter_mut().zip(&self.layers).for_each(|(t, l)| t.fit(n_nodes, n_edges, l));
+        if self.edges.len() > 1 {
+            sums_of_kinds(&graph.order, &graph.edge_features, &mut tape.sums);
+        }
         let k = self.n_edge_features;
-        let rows = tape.edges.features.chunks_exact_mut(self.edges.stride);
+        let rows = tape.edges.features.chunks_exact_mut(self.edges[0].stride);
         for (to, &edge) in rows.zip(&graph.order.edge) {
             let edge = edge as usize;
             scales.edge.normalise(&graph.edge_features[edge * k..(edge + 1) * k], to);
         }
-        if let Some(first) = tape.layers.first_mut() {
+        let MessagesTape { edges, sums, layers, .. } = tape;
+        if let Some(first) = layers.first_mut() {
+            let links = self.links(&graph.order, sums);
             let wide = &mut work.shared.work.wide;
             for rows in blocks::<T>(n_edges) {
-                let out = &mut first.edges[rows.start * columns..rows.end * columns];
-                self.edges.forward(&mut tape.edges, &rows, wide, Normed::Narrow(out));
+                for (run, kind) in runs(rows, &links.order.receivers, links.sums) {
+                    let out = &mut first.edges[run.start * columns..run.end * columns];
+                    self.edges[kind].forward(edges, &run, wide, Normed::Narrow(out));
+                }
             }
         }
-        let (order, tiles) = (&graph.order, graph.tiles::<T>());
+        let tiles = graph.tiles::<T>();
         for (l, layer) in self.layers.iter().enumerate() {
             if l == self.layers_before {
                 self.macro_stage(graph, tape, work);
@@ -131,7 +151,8 @@ impl<T: Number> Processor<T> for Messages<T> {
             let (done, rest) = tape.layers.split_at_mut(l + 1);
             let next = rest.first_mut().map(|t| &mut t.edges);
             let nodes = &mut work.latents[..n_nodes * columns];
-            layer.forward(order, &tiles, &mut done[l], &mut work.shared, nodes, next);
+            let links = self.links(&graph.order, &tape.sums);
+            layer.forward(links, &tiles, &mut done[l], &mut work.shared, nodes, next);
         }
         if self.layers_before == self.layers.len() {
             self.macro_stage(graph, tape, work);
@@ -150,13 +171,14 @@ impl<T: Number> Processor<T> for Messages<T> {
         let (columns, n_nodes, n_edges) = (self.columns, graph.n_nodes(), graph.n_edges());
         fit(&mut work.d_edges, n_edges * columns);
         work.d_edges[..n_edges * columns].fill(0.0);
-        let (order, tiles) = (&graph.order, graph.tiles::<T>());
+        let tiles = graph.tiles::<T>();
         for (l, layer) in self.layers.iter().enumerate().rev() {
             if l + 1 == self.layers_before {
                 self.stage_backward(graph, tape, work, gradients);
             }
             let d = (&mut work.d_nodes[..n_nodes * columns], &mut work.d_edges[..n_edges * columns]);
-            layer.backward(order, &tiles, &tape.layers[l], &mut work.shared, d, gradients);
+            let links = self.links(&graph.order, &tape.sums);
+            layer.backward(links, &tiles, &tape.layers[l], &mut work.shared, d, gradients);
         }
         if self.layers_before == 0 {
             self.stage_backward(graph, tape, work, gradients);
@@ -166,17 +188,19 @@ impl<T: Number> Processor<T> for Messages<T> {
             return;
         }
         let Buffers { shared, fp32, d_edges, d_features, .. } = work;
-        for rows in blocks::<T>(n_edges) {
+        let links = self.links(&graph.order, &tape.sums);
+        let of_kinds = |rows| runs(rows, &links.order.receivers, links.sums);
+        for (rows, kind) in blocks::<T>(n_edges).flat_map(of_kinds) {
             let n = rows.len();
             shared.work.wide[..n * columns]
                 .copy_from_slice(&d_edges[rows.start * columns..rows.end * columns]);
             let wanted = edges.is_some().then_some(&mut d_features[..]);
             let work = &mut shared.work;
-            self.edges.backward(&tape.edges, &rows, work, fp32, gradients, wanted);
+            self.edges[kind].backward(&tape.edges, &rows, work, fp32, gradients, wanted);
             if let Some(to) = edges.as_deref_mut() {
                 let k = self.n_edge_features;
                 let numbers = graph.order.edge[rows].iter();
-                for (&edge, d) in numbers.zip(d_features.chunks_exact(self.edges.stride)) {
+                for (&edge, d) in numbers.zip(d_features.chunks_exact(self.edges[0].stride)) {
                     let to = &mut to[edge as usize * k..(edge as usize + 1) * k];
                     let pairs = to.iter_mut().zip(d).zip(&scales.edge.inverse);
                     pairs.for_each(|((to, d), inverse)| *to = d * inverse);

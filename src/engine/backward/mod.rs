@@ -24,6 +24,7 @@ mod mlp;
 mod muon;
 mod network;
 mod optimiser;
+mod perceptron;
 mod processor;
 mod recurrence;
 mod stage;

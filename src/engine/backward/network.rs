@@ -6,6 +6,7 @@ use super::graph::TrainGraph;
 use super::layer::Shared;
 use super::layout::Layout;
 use super::mlp::{Work, fit};
+use super::perceptron::{Perceptron, PerceptronTape};
 use super::processor::Processor;
 use super::weights::{Gradients, Slots};
 use super::{InputGradient, Scales};
@@ -22,6 +23,8 @@ pub struct Network<T, P> {
     columns: usize,
     slots: Slots,
     nodes: Encoder<T>,
+    /// f_np (section 3.4.1), which adds to the nodes' features.
+    position: Option<Perceptron>,
     processor: P,
     decoder: Decoder<T>,
 }
@@ -30,6 +33,7 @@ pub struct Network<T, P> {
 #[derive(Debug)]
 pub struct Tape<T, K> {
     nodes: EncoderTape<T>,
+    position: PerceptronTape,
     processor: K,
     decoder: DecoderTape<T>,
 }
@@ -72,6 +76,10 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
             spec: spec.clone(),
             columns: padded(a.width),
             nodes: Encoder::new(isa, s, "encoder.node", a)?,
+            position: match a.micro.node_rwse_steps {
+                0 => None,
+                steps => Some(Perceptron::new(isa, s, "encoder.position", steps, a)?),
+            },
             processor: P::new(isa, s, spec)?,
             decoder: Decoder::new(isa, s, spec)?,
             slots,
@@ -86,6 +94,7 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
     /// Takes the weights of the flat vector.
     pub fn load(&mut self, flat: &[f32]) {
         self.nodes.load(flat);
+        self.position.iter_mut().for_each(|p| p.load(flat));
         self.processor.load(flat);
         self.decoder.load(flat);
     }
@@ -94,14 +103,15 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
     pub fn thread(&self) -> Thread<T, P::Tape> {
         let a = &self.spec.architecture;
         let ffn = a.segment_transformer().map_or(0, |m| m.ffn_width);
-        let features = self.spec.n_node_features().max(self.spec.n_edge_features());
+        let features =
+            self.spec.n_node_features().max(self.spec.n_edge_features()).max(a.micro.node_rwse_steps);
         let position = self.spec.n_position_features().max(self.spec.n_outputs());
         let gates = if a.needs().sequences { 3 * a.width } else { 0 };
         let widest = padded(ffn.max(gates).max(features).max(position).max(a.width));
         let empty = || Buffer::new(0);
         Thread {
             work: Buffers {
-                shared: Shared::new(widest, self.columns),
+                shared: Shared::new(widest, self.columns, a.edge_kinds()),
                 fp32: Work::new(widest),
                 latents: empty(),
                 d_nodes: empty(),
@@ -138,6 +148,7 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
         while tapes.len() <= at {
             tapes.push(Tape {
                 nodes: EncoderTape::new(&self.nodes),
+                position: PerceptronTape::default(),
                 processor: self.processor.tape(),
                 decoder: DecoderTape::new(&self.decoder),
             });
@@ -155,6 +166,9 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
             let node = node as usize;
             scales.node.normalise(&inputs[node * k..(node + 1) * k], to);
             to[k..k + width].copy_from_slice(&graph.fixed[node * width..(node + 1) * width]);
+        }
+        if let Some(position) = &self.position {
+            position.forward(&graph.walk, &mut tape.position, &mut work.fp32, &mut tape.nodes.features);
         }
         let wide = &mut work.shared.work.wide;
         for rows in blocks::<T>(n_nodes) {
@@ -223,9 +237,12 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
             let n = rows.len();
             shared.work.wide[..n * columns]
                 .copy_from_slice(&d_nodes[rows.start * columns..rows.end * columns]);
-            let wanted = inputs.is_some().then_some(&mut d_features[..]);
+            let wanted = (inputs.is_some() || self.position.is_some()).then_some(&mut d_features[..]);
             let work = &mut shared.work;
             self.nodes.backward(&tape.nodes, &rows, work, fp32, gradients, wanted);
+            if let Some(position) = &self.position {
+                position.backward(&tape.position, &rows, fp32, d_features, gradients);
+            }
             if let Some(inputs) = inputs.as_deref_mut() {
                 let k = self.spec.n_field_inputs();
                 let places = graph.order.node[rows].iter();
@@ -240,11 +257,15 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
 
     /// Bytes of the weights, of a thread's own buffers, and of each tape of it.
     pub fn memory(&self, thread: &Thread<T, P::Tape>) -> (usize, usize, usize) {
-        let weights = self.nodes.bytes() + self.processor.bytes() + self.decoder.bytes();
+        let position = self.position.as_ref().map_or(0, |p| p.bytes());
+        let weights = self.nodes.bytes() + position + self.processor.bytes() + self.decoder.bytes();
         let work = &thread.work;
         let own = [&work.latents, &work.d_nodes, &work.d_edges, &work.table];
         let own = own.map(|b| b.bytes()).iter().sum::<usize>();
-        let tape = thread.tapes.iter().map(|t| P::kept(&t.processor) + t.nodes.bytes() + t.decoder.bytes());
+        let tape = thread
+            .tapes
+            .iter()
+            .map(|t| P::kept(&t.processor) + t.nodes.bytes() + t.position.bytes() + t.decoder.bytes());
         let shared = work.shared.bytes() + work.fp32.bytes() + thread.gradients.bytes();
         (weights, own + shared, tape.max().unwrap_or(0))
     }

@@ -2,9 +2,8 @@
 
 use super::*;
 use crate::plain;
-use crate::tests::{instruction_sets, structure};
-use m4gn_model::{Activation, Kind, M4gn, Model, Output};
-use m4gn_samples::mesh as sample;
+use crate::tests::{apart, instruction_sets, mesh, structure};
+use m4gn_model::{Activation, Kind, M4gn, Model, NodeSums, Output};
 use m4gn_samples::model::spec;
 use m4gn_structure::Structure;
 
@@ -30,7 +29,7 @@ pub(crate) fn scales(model: &Model) -> Scales {
 
 impl Case {
     fn new(spec: ModelSpec, overlap: bool) -> Self {
-        let structure = structure(&spec, &sample::triangles(4, 3, 1.6, 0.41), overlap);
+        let structure = structure(&spec, &mesh(&spec, [4, 3, 2]), overlap);
         let graph = &structure.graph;
         Case {
             inputs: wave(graph.n_owned * spec.n_field_inputs(), 0.7),
@@ -152,6 +151,13 @@ fn specs() -> Vec<(String, ModelSpec, bool)> {
     add("mesh-graph-net", false, &|s| {
         s.architecture.kind = Kind::MeshGraphNet { layers: 2 };
     });
+    for kind in [Kind::MeshGraphNet { layers: 1 }, Kind::MeshGraphNet { layers: 3 }, spec().architecture.kind]
+    {
+        add("node sums before", false, &|s| {
+            s.architecture.micro.node_sums = NodeSums::Before;
+            s.architecture.kind = kind.clone();
+        });
+    }
     for layers in [1, 3] {
         add("gcn", false, &|s| s.architecture.kind = Kind::Gcn { layers });
     }
@@ -169,6 +175,18 @@ fn specs() -> Vec<(String, ModelSpec, bool)> {
     for (levels, width) in [(1, 8), (3, 20)] {
         add("g-u-net", false, &|s| {
             (s.architecture.kind, s.architecture.width) = (Kind::GUNet { levels }, width);
+        });
+    }
+    for (hidden, kind) in [(1, spec().architecture.kind), (2, Kind::Gcn { layers: 2 })] {
+        add("node positions", false, &|s| {
+            s.architecture.micro.node_rwse_steps = 6;
+            (s.architecture.hidden_layers, s.architecture.kind) = (hidden, kind.clone());
+        });
+    }
+    for sums in [NodeSums::After, NodeSums::Before] {
+        add("world edges apart", false, &|s| {
+            *s = apart();
+            s.architecture.micro.node_sums = sums;
         });
     }
     add("values", false, &|s| {

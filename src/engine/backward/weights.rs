@@ -111,9 +111,10 @@ impl<T: Number> Dense<T> {
         Self::columns(isa, slots, name, 0, n)
     }
 
-    /// Of a layer that reads two latents of width d, each padded to whole vectors.
-    pub fn of_two(isa: Isa, slots: &mut Slots, name: &str, d: usize) -> Result<Self> {
-        Self::of_pieces(isa, slots, name, &[(0, 0, d), (padded(d), d, d)])
+    /// Of a layer that reads k latents of width d, each padded to whole vectors.
+    pub fn of_latents(isa: Isa, slots: &mut Slots, name: &str, d: usize, k: usize) -> Result<Self> {
+        let pieces: Vec<_> = (0..k).map(|i| (i * padded(d), i * d, d)).collect();
+        Self::of_pieces(isa, slots, name, &pieces)
     }
 
     /// Pieces: packed input, column, number.

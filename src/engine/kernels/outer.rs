@@ -217,7 +217,14 @@ pub fn gather_add(isa: Isa, x: &mut [f32], columns: usize, table: &[f32], index:
 }
 
 /// `table[index[i] - first] += x[i]`, n rows.
-pub fn scatter_add(isa: Isa, x: &[f32], columns: usize, table: &mut [f32], index: &[i32], first: usize) {
+pub fn scatter_add<T: Number>(
+    isa: Isa,
+    x: &[T],
+    columns: usize,
+    table: &mut [f32],
+    index: &[i32],
+    first: usize,
+) {
     let n = index.len();
     assert!(
         columns.is_multiple_of(LANES)
@@ -234,20 +241,19 @@ pub fn scatter_add(isa: Isa, x: &[f32], columns: usize, table: &mut [f32], index
 ///
 /// # Safety
 /// All rows are within, whole vectors.
-unsafe fn move_rows(
+unsafe fn move_rows<T: Number>(
     isa: Isa,
-    (x, table): (*mut f32, *mut f32),
+    (x, table): (*mut T, *mut f32),
     columns: usize,
     index: &[i32],
     first: usize,
     gather: bool,
 ) {
-    type T = f32;
     // SAFETY: passed on to the caller.
     dispatch!(
         isa,
         T,
-        move_all(x: *mut f32, table: *mut f32, columns: usize, index: &[i32], first: usize, gather: bool)
+        move_all(x: *mut T, table: *mut f32, columns: usize, index: &[i32], first: usize, gather: bool)
             = (x, table, columns, index, first, gather)
     )
 }
@@ -256,7 +262,7 @@ unsafe fn move_rows(
 /// As [`gather_add`] and [`scatter_add`] check.
 #[inline(always)]
 unsafe fn move_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    x: *mut f32,
+    x: *mut T,
     table: *mut f32,
     columns: usize,
     index: &[i32],
@@ -268,9 +274,10 @@ unsafe fn move_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
         unsafe {
             let x = x.add(i * columns);
             let row = table.add((row as usize - first) * columns);
-            let (to, from) = if gather { (x, row) } else { (row, x) };
             for j in (0..columns).step_by(LANES) {
-                S::store(to.add(j), S::add(S::load(to.add(j)), S::load(from.add(j))));
+                let (x, row) = (x.add(j), row.add(j));
+                let sum = S::add(T::load::<S>(x), S::load(row));
+                if gather { T::store::<S>(x, sum) } else { S::store(row, sum) }
             }
         }
     }

@@ -60,6 +60,8 @@ pub enum Normed<'a, T> {
     Narrow(&'a mut [T]),
     /// `out[i] += y`: a residual layer's end.
     Residual(&'a mut [f32]),
+    /// `edges[i] = before[i] + y` (or `edges[i] + y` where before is none), rounded.
+    Latents { before: Option<&'a [T]>, edges: &'a mut [T] },
     /// The end of an edge block (eq. 3): `e = before[i] + y` (or `edges[i] + y` where before is none) goes to
     /// `edges[i]` if `keep`, and is added to `sums[owner[i] - first]`.
     Edges {
@@ -104,6 +106,9 @@ fn norms_of<T: Number>(
     let fits = match &out {
         Normed::Wide(out) | Normed::Residual(out) => out.len() >= n * columns,
         Normed::Narrow(out) => out.len() >= n * columns,
+        Normed::Latents { before, edges } => {
+            before.is_none_or(|b| b.len() >= n * columns) && edges.len() >= n * columns
+        }
         Normed::Edges { before, edges, sums, owner, first, .. } => {
             before.is_none_or(|b| b.len() >= n * columns)
                 && edges.len() >= n * columns
@@ -236,6 +241,20 @@ unsafe fn norm_rows<S: Simd, T: Number, const R: usize>(
                     for i in 0..R {
                         let out = out.add(i * columns + j);
                         S::store(out, S::add(S::load(out), y(i, j, gain, shift)));
+                    }
+                }
+            }
+            Normed::Latents { before, edges } => {
+                let edge = edges.as_mut_ptr().add(at * columns);
+                let before = before.map_or(edge.cast_const(), |b| b.as_ptr().add(at * columns));
+                for j in (0..columns).step_by(LANES) {
+                    let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
+                    for i in 0..R {
+                        let at = i * columns + j;
+                        T::store::<S>(
+                            edge.add(at),
+                            S::add(T::load::<S>(before.add(at)), y(i, j, gain, shift)),
+                        );
                     }
                 }
             }

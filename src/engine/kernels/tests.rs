@@ -219,6 +219,13 @@ fn layer_norm_of_known_rows() {
                 assert!((f64::from(*s) - count * (base + expected(i))).abs() < 1e-5);
             }
         }
+
+        let mut latents = [1f32; 5 * 32];
+        for (before, base) in [(None, 1.0), (Some(&before[..]), 2.0)] {
+            layer_norm(isa, &norm, &x, 5, Normed::Latents { before, edges: &mut latents });
+            let off = |(i, e): (usize, &f32)| (f64::from(*e) - base - expected(i)).abs();
+            assert!(latents.iter().enumerate().map(off).all(|off| off < 4e-6));
+        }
     }
 }
 
@@ -316,6 +323,10 @@ fn rows_are_gathered_and_scattered() {
         assert_eq!(table[3], 0.5 + before[columns + 3]);
         assert_eq!(table[columns], 0.5, "row 6 is nobody's");
         assert_eq!(table[2 * columns + 1], 0.5 + before[1] + before[2 * columns + 1]);
+        let short: Buffer<Bf16> = numbers(3 * columns, 1);
+        let mut rounded = vec![0.5; 3 * columns];
+        scatter_add(isa, &short, columns, &mut rounded, &index, 5);
+        assert_eq!(rounded[3], 0.5 + short[columns + 3].to_f32());
         gather_add(isa, &mut x, columns, &table, &index, 5);
         assert_eq!(x[columns + 3], before[columns + 3] + table[3]);
         let caught = std::panic::catch_unwind(|| gather_add(isa, &mut [0.0; 16], 16, &[0.0; 16], &[1], 0));

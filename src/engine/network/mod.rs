@@ -56,8 +56,8 @@ impl<T: Number + Element> Network<T> {
         let isa = options.isa.unwrap_or_else(Isa::detect);
         let pool = Pool::new(options.n_threads, isa);
         let raw = spec.n_field_inputs().max(spec.n_outputs());
-        let scratch =
-            (0..pool.n_threads()).map(|_| Scratch::new(d.max(spec.n_outputs()), raw, options.profile));
+        let (widest, kinds) = (d.max(spec.n_outputs()), spec.architecture.edge_kinds());
+        let scratch = (0..pool.n_threads()).map(|_| Scratch::new(widest, kinds, raw, options.profile));
         let scratch = scratch.collect();
         let grid = Grid::new(graph, columns, pool, scratch, options.profile);
         let (input_mean, input_scale) = normaliser(model, "node")?;
@@ -70,7 +70,7 @@ impl<T: Number + Element> Network<T> {
             n_edge_features: spec.n_edge_features(),
             cells: Vec::new(),
             encoder: Encoder::new(isa, model, "encoder.node", spec.n_field_inputs())?,
-            fixed: Fixed::new(model, structure)?,
+            fixed: Fixed::new(isa, model, structure)?,
             input_mean,
             input_scale,
             table: Buffer::new(n_segments * decoder.columns()),

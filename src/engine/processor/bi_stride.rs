@@ -163,7 +163,8 @@ impl<T: Number + Element> Floor<T> {
         grid.sweep(comm, &mut self.projected, &mut self.message, |s, tile, order, projected, h| {
             // SAFETY: tiles are disjoint.
             let features = unsafe { features.rows(&tile.edges, columns) };
-            let graph = Topology { senders: &order.senders, receivers: &order.receivers, projected };
+            let (senders, receivers) = (&order.senders[..], &order.receivers[..]);
+            let graph = Topology { senders, receivers, sums: receivers, projected };
             layer.sweep(&graph, tile, s, h, features, None, false);
         });
     }

@@ -1,28 +1,27 @@
-//! Message passing (eq. 1 to 3), with the macro stage (eq. 9 to 13) where there is one.
+//! Message passing (eq. 1 to 4), with the macro stage (eq. 9 to 13) where there is one.
 
 use super::Processor;
 use crate::encoder_decoder::{Encoder, normaliser};
 use crate::grid::Grid;
-use crate::kernels::{Addend, Buffer, Function, Normed, Number, Output, Packed, add_means, narrow, product};
+use crate::kernels::{
+    Addend, Buffer, Function, Isa, Normed, Number, Output, Packed, add_means, narrow, product,
+};
 use crate::linear;
+use crate::order::Order;
 use crate::passing::{Layer, Topology};
 use crate::pool::Parts;
 use crate::profile::Phase;
 use crate::segment_stage::SegmentStage;
-use crate::tiles::{Scratch, Tile};
+use crate::tiles::{Scratch, Tile, runs, sums_of_kinds};
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::{Comm, Element};
 use m4gn_model::Model;
 use m4gn_structure::graph::Graph;
-use std::ops::Range;
 
 /// Message-passing layers and macro stage of a model on a graph.
 #[derive(Debug)]
 pub struct Messages<T> {
-    edge_encoder: Encoder<T>,
-    edge_bias: Vec<f32>,
-    /// Mean, and one over the deviation, of each edge feature.
-    edge_scale: (Vec<f32>, Vec<f32>),
+    features: Features<T>,
     layers: Vec<Layer<T>>,
     layers_before: usize,
     stage: Option<SegmentStage>,
@@ -30,8 +29,6 @@ pub struct Messages<T> {
     dispatch: Option<Packed<T>>,
     /// Most bytes of encoded edges that are kept.
     keep_encoded: usize,
-    /// Edge features, normalised; empty once the edges are encoded for good.
-    features: Vec<f32>,
     /// Encoded edges, where they are kept.
     encoded: Option<Buffer<T>>,
     /// e
@@ -39,6 +36,71 @@ pub struct Messages<T> {
     /// Ws h of all local nodes, ghosts included.
     projected: Buffer<T>,
     message: Vec<T>,
+}
+
+/// Features of the edges, and their encoders.
+#[derive(Debug)]
+struct Features<T> {
+    /// Of each kind of edges, with the bias of its first layer.
+    encoders: Vec<(Encoder<T>, Vec<f32>)>,
+    /// Mean, and one over the deviation, of each feature.
+    scale: (Vec<f32>, Vec<f32>),
+    /// Normalised; empty once the edges are encoded for good.
+    normed: Vec<f32>,
+    /// Row of the sum that each edge adds to, where edges are of several kinds.
+    sums: Vec<i32>,
+}
+
+impl<T: Number> Features<T> {
+    fn new(isa: Isa, model: &Model) -> Result<Self> {
+        let n = model.spec.n_edge_features();
+        let encoder = |name: &&str| {
+            Ok((Encoder::new(isa, model, name, n)?, linear::bias(model, &format!("{name}.0"))?))
+        };
+        Ok(Features {
+            encoders: model.spec.architecture.edge_encoders().iter().map(encoder).collect::<Result<_>>()?,
+            scale: normaliser(model, "edge")?,
+            normed: Vec::new(),
+            sums: Vec::new(),
+        })
+    }
+
+    /// Takes those of a graph's edges.
+    fn place(&mut self, order: &Order, physical: &[f32]) {
+        let (mean, scale) = &self.scale;
+        let k = mean.len();
+        self.normed.clear();
+        self.normed.reserve_exact(order.edge.len() * k);
+        for &e in &order.edge {
+            let row = &physical[e as usize * k..(e as usize + 1) * k];
+            let normed = row.iter().zip(mean).zip(scale).map(|((x, m), s)| (x - m) * s);
+            self.normed.extend(normed);
+        }
+        if self.encoders.len() > 1 {
+            sums_of_kinds(order, physical, &mut self.sums);
+        }
+    }
+
+    /// Row of the sum that each edge adds to.
+    fn sums<'a>(&'a self, order: &'a Order) -> &'a [i32] {
+        if self.encoders.len() > 1 { &self.sums } else { &order.receivers }
+    }
+
+    /// Encodes a tile's edges into `out`, its rows (eq. 1).
+    fn encode(&self, tile: &Tile, order: &Order, scratch: &mut Scratch<T>, out: &mut [T]) {
+        let k = self.scale.0.len();
+        for chunk in tile.chunks::<T>() {
+            for (run, kind) in runs(chunk, &order.receivers, self.sums(order)) {
+                let (encoder, bias) = &self.encoders[kind];
+                let Scratch { a, b, c, .. } = &mut *scratch;
+                let from = (&self.normed[run.start * k..], k);
+                let own =
+                    (run.start - tile.edges.start) * bias.len()..(run.end - tile.edges.start) * bias.len();
+                let out = Normed::Narrow(&mut out[own]);
+                encoder.run(from, run.len(), Addend::Bias(bias), (a, b, c), out);
+            }
+        }
+    }
 }
 
 impl<T: Number + Element> Messages<T> {
@@ -54,15 +116,12 @@ impl<T: Number + Element> Messages<T> {
         let (isa, d) = (grid.isa, model.spec.architecture.width);
         let dispatch = after > 0 && stage.is_some();
         Ok(Messages {
-            edge_encoder: Encoder::new(isa, model, "encoder.edge", model.spec.n_edge_features())?,
-            edge_bias: linear::bias(model, "encoder.edge.0")?,
-            edge_scale: normaliser(model, "edge")?,
+            features: Features::new(isa, model)?,
             layers: (0..before + after).map(|l| Layer::new(isa, model, l)).collect::<Result<_>>()?,
             layers_before: before,
             dispatch: dispatch.then(|| linear::columns(isa, model, "segment.dispatch", 0..d)).transpose()?,
             stage,
             keep_encoded,
-            features: Vec::new(),
             encoded: None,
             edges: Buffer::new(0),
             projected: Buffer::new(grid.n_local * grid.columns),
@@ -72,18 +131,16 @@ impl<T: Number + Element> Messages<T> {
 
     /// f_e of eq. 1, for good.
     fn encode_edges(&mut self, grid: &mut Grid<T>) {
-        let (columns, tiles) = (grid.columns, &grid.tiles);
-        let (encoder, bias) = (&self.edge_encoder, &self.edge_bias[..]);
-        let (features, k) = (&self.features[..], self.edge_scale.0.len());
+        let (columns, tiles, order, features) = (grid.columns, &grid.tiles, &grid.order, &self.features);
         let mut encoded = Buffer::new(self.edges.len());
         let out = Parts::new(&mut encoded);
         let task = |s: &mut Scratch<T>, i: usize| {
             // SAFETY: tiles are disjoint.
             let out = unsafe { out.rows(&tiles[i].edges, columns) };
-            encode_tile(encoder, bias, (features, k), &tiles[i], s, out);
+            features.encode(&tiles[i], order, s, out);
         };
         grid.pool.run(&mut grid.scratch, tiles.len(), task, || ());
-        self.features = Vec::new();
+        self.features.normed = Vec::new();
         self.encoded = Some(encoded);
     }
 
@@ -91,28 +148,33 @@ impl<T: Number + Element> Messages<T> {
     /// for it are done.
     fn pass(&mut self, comm: &Comm, grid: &mut Grid<T>, l: usize) {
         let (columns, layer) = (grid.columns, &self.layers[l]);
-        let own = &mut self.projected[..grid.n_owned * columns];
-        grid.on_nodes(own, |s, _, h, out| layer.project(s, h, out));
+        if layer.reads_senders() {
+            let own = &mut self.projected[..grid.n_owned * columns];
+            grid.on_nodes(own, |s, _, h, out| layer.project(s, h, out));
+        }
 
         let edges = Parts::new(&mut self.edges);
         let encoded = self.encoded.as_deref().filter(|_| l == 0);
         let compute = l == 0 && encoded.is_none();
-        let (encoder, bias) = (&self.edge_encoder, &self.edge_bias[..]);
-        let features = (&self.features[..], self.edge_scale.0.len());
+        let features = &self.features;
         let keep = l + 1 < self.layers.len();
-        let (projected, message) = (&mut self.projected, &mut self.message);
-        grid.sweep(comm, projected, message, |s, tile, order, projected, h| {
+        let sweep = |s: &mut Scratch<T>, tile: &Tile, order: &Order, projected: &[T], h: &mut [f32]| {
             // SAFETY: tiles are disjoint.
             let e = unsafe { edges.rows(&tile.edges, columns) };
             if compute {
                 s.clock.start();
-                encode_tile(encoder, bias, features, tile, s, e);
+                features.encode(tile, order, s, e);
                 s.clock.stop(Phase::EncodeEdges);
             }
             let before = encoded.map(|e| &e[tile.edges.start * columns..tile.edges.end * columns]);
-            let graph = Topology { senders: &order.senders, receivers: &order.receivers, projected };
+            let Order { senders, receivers, .. } = order;
+            let graph = Topology { senders, receivers, sums: features.sums(order), projected };
             layer.sweep(&graph, tile, s, h, e, before, keep);
-        });
+        };
+        match layer.reads_senders() {
+            true => grid.sweep(comm, &mut self.projected, &mut self.message, sweep),
+            false => grid.sweep_own(|s, tile, order, h| sweep(s, tile, order, &[], h)),
+        }
     }
 
     /// The macro stage, and h += dispatch([h, h_S]) where the model carries on after it.
@@ -146,15 +208,7 @@ impl<T: Number + Element> Messages<T> {
 
 impl<T: Number + Element> Processor<T> for Messages<T> {
     fn place(&mut self, grid: &mut Grid<T>, graph: &Graph) {
-        let (mean, scale) = &self.edge_scale;
-        let k = mean.len();
-        self.features.clear();
-        self.features.reserve_exact(grid.order.edge.len() * k);
-        for &e in &grid.order.edge {
-            let row = &graph.edge_features[e as usize * k..(e as usize + 1) * k];
-            let normed = row.iter().zip(mean).zip(scale).map(|((x, m), s)| (x - m) * s);
-            self.features.extend(normed);
-        }
+        self.features.place(&grid.order, &graph.edge_features);
         self.encoded = None;
         let size = grid.order.edge.len() * grid.columns;
         if self.edges.len() < size {
@@ -192,12 +246,13 @@ impl<T: Number + Element> Processor<T> for Messages<T> {
         let arrays = vec![
             ("edge latents", self.edges.bytes()),
             ("encoded edges", self.encoded.as_ref().map_or(0, |e| e.bytes())),
-            ("edge features", 4 * self.features.capacity()),
+            ("edge features", 4 * (self.features.normed.capacity() + self.features.sums.capacity())),
             ("projected senders", self.projected.bytes()),
             ("halo", self.message.capacity() * size_of::<T>()),
             ("segments", stage),
         ];
-        (arrays, layers + dispatch + stage_weights + self.edge_encoder.bytes())
+        let encoders: usize = self.features.encoders.iter().map(|e| e.0.bytes()).sum();
+        (arrays, layers + dispatch + stage_weights + encoders)
     }
 
     fn flops(&self, grid: &Grid<T>, model: &Model) -> Vec<(Phase, f64)> {
@@ -205,14 +260,14 @@ impl<T: Number + Element> Processor<T> for Messages<T> {
         let (d, h) = (a.width as f64, a.hidden_layers as f64);
         let square = 2.0 * d * d;
         let (n, e) = (grid.n_owned as f64, grid.order.senders.len() as f64);
-        let layers = self.layers.len() as f64;
+        let (layers, updates) = (self.layers.len() as f64, a.edge_networks() as f64);
         let mut flops = vec![
-            (Phase::Project, layers * n * square),
-            (Phase::Edges, layers * (e * (1.0 + h) + n) * square),
-            (Phase::Nodes, layers * n * (2.0 + h) * square),
+            (Phase::Project, updates * n * square),
+            (Phase::Edges, updates * (e * (1.0 + h) + n) * square),
+            (Phase::Nodes, layers * n * (1.0 + a.edge_kinds() as f64 + h) * square),
         ];
         if self.encoded.is_none() {
-            let features = self.edge_scale.0.len() as f64;
+            let features = self.features.scale.0.len() as f64;
             flops.push((Phase::EncodeEdges, e * (2.0 * d * features + h * square)));
         }
         if let (Some(stage), Some(spec)) = (&self.stage, a.segment_transformer()) {
@@ -224,26 +279,5 @@ impl<T: Number + Element> Processor<T> for Messages<T> {
             flops.push((Phase::Segments, stage + dispatched * square));
         }
         flops
-    }
-}
-
-/// Encodes a tile's edges into `out`, its rows.
-fn encode_tile<T: Number>(
-    encoder: &Encoder<T>,
-    bias: &[f32],
-    (features, k): (&[f32], usize),
-    tile: &Tile,
-    scratch: &mut Scratch<T>,
-    out: &mut [T],
-) {
-    let columns = bias.len();
-    let own = |chunk: &Range<usize>| {
-        (chunk.start - tile.edges.start) * columns..(chunk.end - tile.edges.start) * columns
-    };
-    for chunk in tile.chunks::<T>() {
-        let Scratch { a, b, c, .. } = &mut *scratch;
-        let from = (&features[chunk.start * k..], k);
-        let bias = Addend::Bias(bias);
-        encoder.run(from, chunk.len(), bias, (a, b, c), Normed::Narrow(&mut out[own(&chunk)]));
     }
 }

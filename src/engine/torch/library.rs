@@ -34,7 +34,7 @@ use std::sync::atomic::AtomicU8;
 pub const LIBRARY: Description = Description {
     file: "libm4gn_torch.so",
     prefix: "m4gn_torch",
-    version: 6,
+    version: 7,
     remedy: "It needs libtorch: type setup/all.sh, which fetches libtorch and builds it; `m4gn doctor` checks what \
              there is; backend native needs none of it",
     global: false,

@@ -56,6 +56,10 @@ pub struct TorchGraph {
     pub levels: *const TorchLevel,
     /// Their number.
     pub n_levels: i64,
+    /// Positional encoding of the nodes `[n_owned x n_walk]`.
+    pub walk: *const f32,
+    /// Random-walk steps of it; 0: none.
+    pub n_walk: i64,
 }
 
 /// A coarser graph.
@@ -208,5 +212,7 @@ fn describe(structure: &Structure, levels: &[TorchLevel]) -> TorchGraph {
         sequence: structure.sequence.as_ref().map_or(std::ptr::null(), |s| s.node.as_ptr()),
         levels: levels.as_ptr(),
         n_levels: levels.len() as i64,
+        walk: structure.walk.as_ptr(),
+        n_walk: (structure.walk.len() / graph.n_owned.max(1)) as i64,
     }
 }

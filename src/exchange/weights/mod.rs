@@ -10,7 +10,7 @@ mod pickle;
 mod tests;
 
 use m4gn_mesh::{Error, NodeType, Result, files};
-use m4gn_model::{Kind, Model, ModelSpec, Tensor};
+use m4gn_model::{Kind, MicroSpec, Model, ModelSpec, Tensor};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -143,7 +143,12 @@ fn order(spec: &ModelSpec, node_types: Option<&[NodeType]>) -> Result<Vec<usize>
 /// Whether the network is one that PhysicsNeMo's MeshGraphNet is: its layers.
 fn layers(spec: &ModelSpec) -> Result<usize> {
     match spec.architecture.kind {
-        Kind::MeshGraphNet { layers } => Ok(layers),
+        Kind::MeshGraphNet { layers } if spec.architecture.micro == MicroSpec::default() => Ok(layers),
+        Kind::MeshGraphNet { .. } => Err(Error::Model(
+            "PhysicsNeMo's MeshGraphNet sums the edges that its layer has just updated, has one encoder for all of them, and no positional \
+             encoding: expected a model with node_sums = \"after\", world_edges = \"together\", node_rwse_steps = 0"
+                .into(),
+        )),
         _ => Err(Error::Model(format!(
             "PhysicsNeMo's MeshGraphNet is a network of kind mesh-graph-net, the model is {}",
             spec.architecture.name().name()

@@ -6,7 +6,7 @@ use m4gn_engine::{Engine, EngineOptions, Forward};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::parallel::Comm;
 use m4gn_model::modal::NoModes;
-use m4gn_model::{Activation, Kind, Model, Tensor};
+use m4gn_model::{Activation, Kind, Model, NodeSums, Tensor};
 use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
 
@@ -140,6 +140,14 @@ fn weights_that_do_not_fit_are_named() {
         change(&mut tensors);
         let message = model(tensors, &own, None).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
+    }
+    let mut before = own.clone();
+    before.spec.architecture.micro.node_sums = NodeSums::Before;
+    for refused in [
+        model(good.clone(), &before, None),
+        state_dict(&before, Naming::PhysicsNemo, None).map(|_| own.clone()),
+    ] {
+        assert!(refused.unwrap_err().to_string().contains("node_sums"));
     }
     let types = Some(&[NodeType::Wall, NodeType::Wall][..]);
     assert!(

@@ -86,7 +86,10 @@ pub fn o_mesh_structure(spec: &ModelSpec, nodes: usize, comm: &Comm) -> Result<S
     let graph = o_mesh(nodes, comm)?;
     let segments = consecutive_segments(spec, graph.n_owned)?;
     let sequence = segments.as_ref().map(|s| Sequence::of_nodes(s, (0..graph.n_owned as i32).collect()));
-    Ok(Structure { graph, segments, sequence, levels: Vec::new() })
+    let steps = spec.architecture.needs().walk;
+    let pairs: Vec<[i32; 2]> = graph.senders.iter().zip(&graph.receivers).map(|(s, r)| [*s, *r]).collect();
+    let walk = m4gn_structure::walk_of_pairs(graph.n_owned, &pairs, steps);
+    Ok(Structure { graph, segments, sequence, levels: Vec::new(), walk })
 }
 
 /// Runs of consecutive nodes as segments, with random features: where no mesh is there to be cut. None for a model that

@@ -18,7 +18,8 @@ pub use workload::{Source, Workload};
 
 use m4gn_mesh::NodeType;
 use m4gn_model::{
-    Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, ModelSpec, Output, Precision, SegmentSpec,
+    Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, MicroSpec, ModelSpec, Output, Precision,
+    SegmentSpec,
 };
 
 /// Shape of a network that is made for a measurement.
@@ -58,6 +59,7 @@ impl Shape {
                 width: self.width,
                 hidden_layers: self.hidden_layers,
                 activation: Activation::Relu,
+                micro: MicroSpec::default(),
                 kind: match self.segments {
                     None => Kind::MeshGraphNet { layers: self.layers },
                     Some(_) => Kind::M4gn(M4gn {

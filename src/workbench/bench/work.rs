@@ -70,6 +70,8 @@ pub fn step(spec: &ModelSpec, sizes: Sizes, storage: Storage, encoded: bool) -> 
         Kind::BsmsGnn { levels } | Kind::GUNet { levels } => 4.0 - 3.0 * 0.5f64.powi(levels as i32),
         _ => a.layers() as f64,
     };
+    // Of them, those that make new latents of the edges.
+    let updates = layers - (a.layers() - a.edge_networks()) as f64;
     let (inputs, outputs) = (spec.n_field_inputs() as f64, spec.n_outputs() as f64);
     let features = spec.n_edge_features() as f64;
     let square = 2.0 * d * d;
@@ -88,13 +90,17 @@ pub fn step(spec: &ModelSpec, sizes: Sizes, storage: Storage, encoded: bool) -> 
         ));
     }
     let passed = [
-        work(Phase::Project, layers * nodes * square, layers * nodes * d * (node + sender)),
+        work(Phase::Project, updates * nodes * square, updates * nodes * d * (node + sender)),
         work(
             Phase::Edges,
-            layers * (edges * (1.0 + hidden) + nodes) * square,
+            updates * (edges * (1.0 + hidden) + nodes) * square,
             layers * (edges * (d * (2.0 * edge + sender) + index) + nodes * (node * d + index)),
         ),
-        work(Phase::Nodes, layers * nodes * square * (2.0 + hidden), layers * nodes * 2.0 * node * d),
+        work(
+            Phase::Nodes,
+            layers * nodes * square * (1.0 + a.edge_kinds() as f64 + hidden),
+            layers * nodes * 2.0 * node * d,
+        ),
     ];
     // Latents are read, scaled and written; then gathered along the edges, and written anew.
     let convolved = [
