@@ -230,7 +230,7 @@ impl Fitted {
         self.kept.tried = 0;
         let tolerance = self.settings.tolerance;
         let Some(fit) = self.linear.fit() else {
-            (self.kept.others, self.kept.turn) = (0.0, 2.0 * self.kept.turn);
+            self.far_off();
             return String::new();
         };
         let (error, shape, n) = (fit.tail_error(), fit.dmd.shape, fit.numbers.len());
@@ -245,12 +245,11 @@ impl Fitted {
         if !holds {
             self.linear.forget();
         }
-        let window = self.settings.window as f64;
-        (self.kept.others, self.kept.turn) = match error < PROMISING {
+        match error < PROMISING {
             // Where a fit holds, or will, the others' turn is over: what they make is no state of the solver, and the window would begin anew.
-            true => (window, window),
-            false => (0.0, 2.0 * self.kept.turn),
-        };
+            true => (self.kept.others, self.kept.turn) = [self.settings.window as f64; 2].into(),
+            false => self.far_off(),
+        }
         self.kept.length = self.settings.first as f64;
         let mut said = format!(
             "m4gn: time {}: fit of {n} states, {} delays, rank {}, growth {modes}: its last {tail} states, held back, are off by {error:.3} of \
@@ -273,6 +272,14 @@ impl Fitted {
             );
         }
         said
+    }
+
+    /// No fit is near: the others have a turn, and a longer one where they had waited for this fit.
+    fn far_off(&mut self) {
+        if self.kept.others >= self.kept.turn {
+            self.kept.turn *= 2.0;
+        }
+        self.kept.others = 0.0;
     }
 
     /// Error of a stride beside the solver up to which the present fit is as good as when it was first used: twice what it was used with.

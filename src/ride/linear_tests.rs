@@ -315,6 +315,18 @@ fn a_network_jumps_before_there_is_a_fit_and_leaves_the_solver_time_for_one() {
     assert!((waited - (after - before)).abs() < 0.41, "{waited} of {before} to {after}");
 }
 
+/// Fits that were far off before there was anything to wait for, in noise, do not make the network's turn longer.
+#[test]
+fn a_turn_is_longer_only_after_waiting_in_vain() {
+    let mut host = Host::new(BOTH, 0.0, 0, 60.0, solver(0.0, 1e9));
+    host.run(f64::NAN, |host| host.time > 12.0);
+    assert!(host.jumps.is_empty() && host.log.matches("the solver goes on\n").count() > 3, "{}", host.log);
+    host.run(1e9, |_| false);
+    let first = host.by.iter().position(|who| *who == 1).unwrap_or_else(|| panic!("{}", host.log));
+    let strides: usize = host.jumps[..first].iter().map(|jump| jump.0).sum();
+    assert!((40..=48).contains(&strides), "{:?}", host.jumps);
+}
+
 #[test]
 fn surrogates_without_a_field_in_common_are_refused() {
     let settings = RideSettings::parse(BOTH).unwrap();
