@@ -69,8 +69,8 @@ fn what_a_shorter_training_does_not_reach_is_named() {
 fn shipped_configurations_are_valid() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
     let mut read = 0;
-    let paths = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-    for path in paths.filter(|p| p.is_file()) {
+    let inside = |folder: &Path| std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    for path in inside(&folder).chain(inside(&folder.join("paper"))).filter(|p| p.is_file()) {
         Config::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
         read += 1;
     }

@@ -1,11 +1,13 @@
-//! Fuzz target: a family's description. See `tests/fuzzing/mod.rs` of the repository.
+//! Fuzz targets: a family's description, and the file of a study. See `tests/fuzzing/mod.rs` of the repository.
 
 #[path = "../fuzzing/mod.rs"]
 mod fuzzing;
 
 use fuzzing::{Random, fuzz};
+use m4gn_train::config::Config;
 use m4gn_workbench::generate::family::Family;
 use m4gn_workbench::generate::parameter::{Settings, parse_setting};
+use m4gn_workbench::study::Plan;
 use std::path::Path;
 
 /// What an expression, a name or a number of the family may be in its place.
@@ -42,6 +44,20 @@ fn insert(bytes: &mut Vec<u8>, r: &mut Random) {
     let piece = r.pick(&PIECES).repeat(count);
     let at = r.below(bytes.len() + 1);
     bytes.splice(at..at, piece.bytes());
+}
+
+/// Damages a text in up to three ways.
+fn damage(bytes: &mut Vec<u8>, r: &mut Random) {
+    for _ in 0..1 + r.below(3) {
+        match r.below(3) {
+            0 => r.damage(bytes),
+            1 => {
+                let at = r.below(bytes.len().max(1));
+                r.damage_number(bytes, at);
+            }
+            _ => insert(bytes, r),
+        }
+    }
 }
 
 /// What is read draws, or says why not; what it draws is finite.
@@ -85,20 +101,38 @@ fn family_description() {
     std::fs::create_dir(&folder).unwrap();
     fuzz("family", |r| {
         let mut bytes = r.pick(&good).clone();
-        for _ in 0..1 + r.below(3) {
-            match r.below(3) {
-                0 => r.damage(&mut bytes),
-                1 => {
-                    let at = r.below(bytes.len().max(1));
-                    r.damage_number(&mut bytes, at);
-                }
-                _ => insert(&mut bytes, r),
-            }
-        }
+        damage(&mut bytes, r);
         std::fs::write(folder.join("family.toml"), &bytes).unwrap();
         if let Ok(family) = Family::load(&folder) {
             draw(&family, r);
         }
         bytes.len()
+    });
+}
+
+/// The file of a study, and the configuration that its networks share: what is read gives configurations, or says why not.
+#[test]
+fn study() {
+    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
+    let read = |name: &str| std::fs::read(configs.join(name)).unwrap();
+    let good = [read("study/cylinder-flow.toml"), read("study/switches.toml"), read("study/solids.toml")];
+    let shared = ["kind-m4gn.toml", "deforming-bodies.toml"].map(|name| (name, read(name)));
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("study");
+    std::fs::create_dir(&folder).unwrap();
+    fuzz("study", |r| {
+        let (mut bytes, mut shared) = (r.pick(&good).clone(), shared.clone());
+        match r.below(2) {
+            0 => damage(&mut bytes, r),
+            _ => shared.iter_mut().for_each(|(_, bytes)| damage(bytes, r)),
+        }
+        std::fs::write(folder.join("study.toml"), &bytes).unwrap();
+        shared.iter().for_each(|(name, bytes)| std::fs::write(dir.path().join(name), bytes).unwrap());
+        if let Ok(plan) = Plan::read(&folder.join("study.toml")) {
+            for (data, network, _) in plan.cells() {
+                let _ = plan.config(data, network).and_then(|text| Config::parse(&text));
+            }
+        }
+        bytes.len() + shared.iter().map(|(_, bytes)| bytes.len()).sum::<usize>()
     });
 }

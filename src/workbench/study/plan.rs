@@ -220,7 +220,7 @@ impl Plan {
                     training.get("decay_start").and_then(Value::as_integer).unwrap_or(0).min(steps - 1);
                 if training.contains_key("decay_steps") {
                     training.insert("decay_start".into(), start.into());
-                    training.insert("decay_steps".into(), (steps - start).into());
+                    training.insert("decay_steps".into(), steps.saturating_sub(start).into());
                 }
             }
         }
