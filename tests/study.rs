@@ -55,6 +55,8 @@ fn networks_are_trained_once_and_compared_with_their_baselines() {
     let test = &report["tests"][0];
     assert_eq!(test["networks"].as_array().unwrap().len(), 3, "{test}");
     assert_eq!(test["networks"][0]["seeds"], 2);
+    let over = test["networks"][0]["over_diameter"].as_array().unwrap();
+    assert!(over.len() == 3 && over.iter().all(|c| c["diameter"].as_u64() > Some(1)), "{over:?}");
     assert!(test["baselines"]["persistence"]["rmse_all"].as_f64().unwrap() > 0.0, "{test}");
     assert!(read("study.md").contains("| GCN |") && read("study.tex").contains("GCN & "));
     assert!(read("study.html").contains("<td>GCN</td>"));

@@ -147,9 +147,6 @@ impl Job<'_> {
         }
         let mut figures = read(&written)?;
         figures["made_from"] = digest.into();
-        if let Some(object) = figures.as_object_mut() {
-            object.remove("cases");
-        }
         files::write_whole(file, format!("{figures:#}\n").as_bytes())?;
         Ok(figures)
     }
