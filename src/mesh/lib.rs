@@ -10,7 +10,6 @@ pub mod body;
 mod cell_sizes;
 mod check;
 mod coupled;
-pub mod diameter;
 pub mod elements;
 mod error;
 mod extent;

@@ -7,6 +7,7 @@
 mod cell_graph;
 pub mod coarse;
 mod connect;
+mod diameter;
 mod geometry;
 pub mod graph;
 mod levels;
@@ -23,6 +24,7 @@ mod structure;
 mod top_k;
 mod walk;
 
+pub use diameter::diameter;
 pub use levels::{Level, Transfer};
 pub use obstacle::obstacle_distance;
 pub use parts::parts;

@@ -1,51 +1,30 @@
 //! The diameter of a graph: how many hops its farthest nodes are apart.
 
+use super::cell_graph::CellGraph;
+
 /// Hops between the nodes that are farthest apart, of `n` nodes and these edges, each in one direction or both. Found by breadth-first
 /// searches, each from the farthest node of the one before, until none is farther: exact for trees, and rarely less than exact for
 /// meshes, never more. Of a graph in several pieces that of the piece with node 0.
 pub fn diameter(n: usize, edges: &[[i32; 2]]) -> usize {
-    let mut row = vec![0usize; n + 1];
-    for &[a, b] in edges {
-        row[a as usize + 1] += 1;
-        row[b as usize + 1] += 1;
+    if n == 0 {
+        return 0;
     }
-    for i in 0..n {
-        row[i + 1] += row[i];
-    }
-    let (mut next, mut column) = (row.clone(), vec![0usize; 2 * edges.len()]);
-    for &[a, b] in edges {
-        for (from, to) in [(a as usize, b as usize), (b as usize, a as usize)] {
-            column[next[from]] = to;
-            next[from] += 1;
-        }
-    }
+    let graph = CellGraph::new(n, edges);
     let (mut start, mut found) = (0, 0);
-    let mut hops = vec![usize::MAX; n];
-    while start < n {
-        hops.fill(usize::MAX);
+    loop {
+        let order = graph.breadth_first(start, |_| true);
+        let mut hops = vec![usize::MAX; n];
         hops[start] = 0;
-        let mut queue = Vec::from([start]);
-        let mut at = 0;
-        while at < queue.len() {
-            let node = queue[at];
-            at += 1;
-            for &to in &column[row[node]..row[node + 1]] {
-                if hops[to] == usize::MAX {
-                    hops[to] = hops[node] + 1;
-                    queue.push(to);
-                }
-            }
+        for &node in &order[1..] {
+            let nearest = graph.neighbours(node).iter().map(|&j| hops[j as usize]).min();
+            hops[node] = nearest.map_or(0, |h| h.saturating_add(1));
         }
-        let last = queue[queue.len() - 1];
-        if start != 0 && hops[last] <= found {
-            break;
+        let last = order[order.len() - 1];
+        if hops[last] <= found {
+            return found;
         }
         (start, found) = (last, hops[last]);
-        if found == 0 {
-            break;
-        }
     }
-    found
 }
 
 #[cfg(test)]
