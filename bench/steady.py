@@ -7,7 +7,7 @@ CASE is a case with its mesh. It is run alone, and in pieces: after `first` iter
 state becomes the combination of the last `states` states, `gap` iterations apart, whose change would be the smallest if an iteration were
 linear (reduced rank extrapolation, Sidi 1991): all fields and the flux, boundary values included, by the same weights, which sum to 1, so that
 the flux stays conservative. The change is measured in U, k and the like, each over its own size; what is positive stays between half and
-twice what the solver left. Told are the iterations and the processor time from which on force and inlet pressure stay within .1 % of
+twice what the solver left. Told are the iterations and the processor time from which on the force stays within .1 % of
 what the run alone ends at.
 """
 
@@ -129,7 +129,7 @@ def main():
     if given.first < given.gap * given.states or given.pause < given.gap * given.states:
         sys.exit("first and pause: expected at least gap x states iterations")
     with tempfile.TemporaryDirectory() as folder:
-        told, end = {}, None
+        end = None
         for kind in ("alone", "extrapolated"):
             case = pathlib.Path(folder) / kind
             shutil.copytree(given.case, case, symlinks=True)
@@ -154,7 +154,6 @@ def main():
             iterations, force = quantities(case)
             end = force[-1] if end is None else end
             at = reached(iterations, force, end)
-            told[kind] = at
             time = f"{sum(seconds[:at]):.1f} s" if at else "-"
             extra = "" if kind == "alone" else f", {made} extrapolations"
             print(f"{kind}: {at or 'never'} iterations, {time}, force at the end {force[-1]}{extra}")

@@ -191,13 +191,14 @@ impl NativeBackend<'_> {
 
     /// The state that an example starts from, its frame with noise, and the one that its first target is measured from, where
     /// that is another: with what is left of the noise where it is not corrected wholly.
-    pub(crate) fn start(&self, sample: &Sample, example: &Example) -> Result<(Vec<f32>, Option<Vec<f32>>)> {
-        let clean = sample.state(example.frame, example.mirror)?;
-        let mut state = clean.clone();
-        self.add_noise(sample, example.seed, &mut state);
+    fn start(&self, sample: &Sample, example: &Example) -> Result<(Vec<f32>, Option<Vec<f32>>)> {
         let part = self.noise_correction;
-        let corrected = (part < 1.0)
-            .then(|| clean.iter().zip(&state).map(|(clean, noisy)| clean + part * (noisy - clean)).collect());
+        let mut state = sample.state(example.frame, example.mirror)?;
+        let clean = (part < 1.0).then(|| state.clone());
+        self.add_noise(sample, example.seed, &mut state);
+        let corrected = clean.map(|clean| {
+            clean.iter().zip(&state).map(|(clean, noisy)| clean + part * (noisy - clean)).collect()
+        });
         Ok((state, corrected))
     }
 
