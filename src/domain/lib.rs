@@ -25,7 +25,6 @@ use m4gn_model::modal::ModalSource;
 use m4gn_model::{ModelSpec, SegmentSpec};
 use m4gn_structure::Structure;
 use m4gn_structure::coarse::Coarse;
-use m4gn_structure::graph::Graph;
 use std::fmt::Debug;
 
 /// One model step on physical fields: what goes into the network, on which edges, what is to come out, and the next state, each with
@@ -50,16 +49,18 @@ pub trait Domain: Debug + Send + Sync {
         self.mesh_edges().is_some()
     }
 
-    /// Gives the graph the edges of a state of its local nodes, whose ghosts are filled first. Collective; all ranks fail together.
+    /// Gives the graph the edges of a state of its local nodes, whose ghosts are filled first, and those of coarser graphs, which stay,
+    /// their features there. Collective; all ranks fail together.
     ///
     /// # Errors
     /// [`Error::Numerical`](m4gn_mesh::Error::Numerical) for a state that is not finite.
-    fn set_edges(&self, _comm: &Comm, _state: &mut [f32], _graph: &mut Graph) -> Result<()> {
+    fn set_edges(&self, _comm: &Comm, _state: &mut [f32], _structure: &mut Structure) -> Result<()> {
         Ok(())
     }
 
-    /// Adds to the derivative by the state what the derivative by the features of the edges of [`Domain::set_edges`] makes of it.
-    fn edges_backward(&self, _edges: &Edges, _d_features: &[f32], _d_state: &mut [f32]) {}
+    /// Adds to the derivative by the state what the derivatives by the features of the edges of [`Domain::set_edges`] make of it: by those
+    /// of the graph, then by those of each coarser one. On one rank.
+    fn edges_backward(&self, _structure: &Structure, _d_features: &[Vec<f32>], _d_state: &mut [f32]) {}
 
     /// Physical inputs of the network at a state. `next` holds what is prescribed at the end of the step.
     fn inputs(&self, state: &[f32], next: &[f32], inputs: &mut Vec<f32>);
@@ -148,17 +149,6 @@ impl Clone for Box<dyn Domain> {
     fn clone(&self) -> Self {
         self.boxed()
     }
-}
-
-/// The edges of a state, for the derivative by it.
-#[derive(Clone, Debug)]
-pub struct Edges {
-    /// Sending node of each edge.
-    pub senders: Vec<i32>,
-    /// Receiving node of each edge.
-    pub receivers: Vec<i32>,
-    /// Physical features, a row an edge.
-    pub features: Vec<f32>,
 }
 
 /// A domain and what its network lives on.

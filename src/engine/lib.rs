@@ -54,11 +54,12 @@ pub trait Forward {
     /// [`Error::Input`] for slices of other lengths; what a backend may fail with.
     fn forward(&mut self, comm: &Comm, inputs: &[f32], outputs: &mut [f32]) -> Result<()>;
 
-    /// Takes other edges between the same nodes, for graphs that change with time. The next step uses them.
+    /// Takes other edges between the same nodes, and other features of the edges of coarser graphs, for graphs that change with time. The
+    /// next step uses them.
     ///
     /// # Errors
     /// [`Error::Internal`] for a graph of other nodes, or what was made for edges that stay.
-    fn set_edges(&mut self, graph: &Graph) -> Result<()>;
+    fn set_edges(&mut self, structure: &Structure) -> Result<()>;
 }
 
 /// The native engine.
@@ -142,9 +143,9 @@ impl Forward for Engine {
         Ok(())
     }
 
-    fn set_edges(&mut self, graph: &Graph) -> Result<()> {
-        check_edges(graph)?;
-        either!(&mut self.0, network => network.set_edges(graph))
+    fn set_edges(&mut self, structure: &Structure) -> Result<()> {
+        check_edges(&structure.graph)?;
+        either!(&mut self.0, network => network.set_edges(structure))
     }
 }
 

@@ -5,7 +5,7 @@ use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::modal::NoModes;
 use m4gn_model::{Activation, Architecture, Kind, MacroSpec, MicroSpec, ModelSpec, NodeSums, WorldEdges};
 use m4gn_samples::mesh as sample;
-use m4gn_samples::model::spec;
+use m4gn_samples::model::{bodies_of_other_kinds, spec};
 use m4gn_structure::Segmentation;
 
 const K: usize = 5;
@@ -50,8 +50,13 @@ fn touch(spec: &ModelSpec, graph: &mut Graph) {
         return;
     }
     graph.node_types.fill(NodeType::Body as i32);
+    widen(graph, 0.01);
+}
+
+/// Features of a body's edges by the edges' vectors: of a world edge where these point along x by more than that.
+fn widen(graph: &mut Graph, world: f32) {
     let features = graph.edge_features.chunks(4).flat_map(|x| {
-        let is_world = if x[0] > 0.01 { 1.0 } else { 0.0 };
+        let is_world = if x[0] > world { 1.0 } else { 0.0 };
         (0..12).map(|i| x[i % 4] + 0.1 * i as f32).chain([is_world]).collect::<Vec<_>>()
     });
     graph.edge_features = features.collect();
@@ -65,6 +70,9 @@ pub(super) fn structure(spec: &ModelSpec, mesh: &Mesh, overlap: bool) -> Structu
     }
     let mut made = Structure::new(mesh, &bare, &spec.segments, &NoModes, None, &Comm::serial()).unwrap();
     touch(spec, &mut made.graph);
+    if spec.contact.is_some() {
+        made.levels.iter_mut().for_each(|level| widen(&mut level.graph, f32::MAX));
+    }
     let stage = spec.architecture.needs().segments.then(|| segments(spec, &made.graph, overlap));
     let needs = spec.architecture.needs();
     let sequence = Structure::sequence_of(stage.as_ref(), needs, mesh, &Comm::serial()).unwrap();
@@ -190,6 +198,7 @@ fn specs() -> Vec<(ModelSpec, bool)> {
     };
     all.extend(of_micro(MicroSpec { node_sums: NodeSums::Before, ..MicroSpec::default() }));
     all.extend(of_micro(MicroSpec { node_rwse_steps: 6, ..MicroSpec::default() }));
+    all.extend(bodies_of_other_kinds().into_iter().map(|s| (s, false)));
     let mut bodies = apart();
     all.push((bodies.clone(), true));
     bodies.architecture.micro.node_sums = NodeSums::Before;
@@ -227,7 +236,7 @@ fn bf16_is_the_plain_network_to_its_rounding_on_every_instruction_set() {
         if spec.architecture.needs().whole {
             let message = Engine::new(
                 &Model::random(spec.clone(), 5).unwrap(),
-                &structure(&spec, &sample::triangles(4, 3, 1.6, 0.41), false),
+                &structure(&spec, &mesh(&spec, [9, 7, 3]), false),
                 &options(Isa::detect(), Precision::Bf16),
             )
             .unwrap_err()

@@ -133,7 +133,7 @@ impl NativeBackend<'_> {
             let wanted = step > 0;
             if wanted {
                 by_inputs.nodes.resize(graph.n_nodes() * self.spec.n_field_inputs(), 0.0);
-                by_inputs.edges = application.graph.as_ref().map(|_| vec![0.0; graph.edge_features().len()]);
+                by_inputs.edges = application.graph.as_ref().map(|_| graph.no_edge_gradient());
             }
             let by = wanted.then_some(&mut by_inputs);
             self.network.backward(worker, tape, graph, scales, &d, by);

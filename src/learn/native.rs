@@ -4,7 +4,7 @@ use super::backend::{Backend, Batch, Example, Learned, Rollout};
 use super::config::TrainingConfig;
 use super::normaliser::Normaliser;
 use super::workload::Workload;
-use m4gn_domain::{Components, Domain, Edges};
+use m4gn_domain::{Components, Domain};
 use m4gn_engine as engine;
 use m4gn_engine::Precision;
 use m4gn_engine::backward::{TrainGraph, Trainable, Worker};
@@ -12,7 +12,6 @@ use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_structure::Structure;
-use m4gn_structure::graph::Graph;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -22,33 +21,30 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 pub(crate) struct Live {
     pub domain: Box<dyn Domain>,
     pub graph: TrainGraph,
-    /// The same graph for who gives it other edges.
-    moving: Option<Graph>,
+    /// The same graphs for who gives them other edges.
+    moving: Option<Structure>,
 }
 
-/// The edges of a state, and the graph with them.
-pub(crate) type Moved = (TrainGraph, Edges);
+/// The graphs with the edges of a state, as the backward pass and as the domain reads them.
+pub(crate) type Moved = (TrainGraph, Structure);
 
 impl Live {
     fn new(spec: &ModelSpec, domain: Box<dyn Domain>, structure: &Structure) -> Result<Self> {
         Ok(Live {
             graph: TrainGraph::new(spec, structure)?,
-            moving: domain.moves().then(|| structure.graph.clone()),
+            moving: domain.moves().then(|| structure.graphs()),
             domain,
         })
     }
 
     /// The graph at a state; none where it stays.
     pub fn at(&self, state: &mut [f32]) -> Result<Option<Moved>> {
-        let Some(graph) = &self.moving else {
+        let Some(structure) = &self.moving else {
             return Ok(None);
         };
-        let mut graph = graph.clone();
-        self.domain.set_edges(&Comm::serial(), state, &mut graph)?;
-        let moved = self.graph.with_edges(&graph);
-        let edges =
-            Edges { senders: graph.senders, receivers: graph.receivers, features: graph.edge_features };
-        Ok(Some((moved, edges)))
+        let mut structure = structure.clone();
+        self.domain.set_edges(&Comm::serial(), state, &mut structure)?;
+        Ok(Some((self.graph.with_edges(&structure), structure)))
     }
 }
 

@@ -45,7 +45,7 @@ impl NativeBackend<'_> {
         };
         let mut structure = Cow::Borrowed(&sample.structure);
         if domain.moves() {
-            domain.set_edges(&comm, &mut state, &mut structure.to_mut().graph)?;
+            domain.set_edges(&comm, &mut state, structure.to_mut())?;
         }
         let engine = Engine::new(model, &structure, &options)?;
         let mut stepper = Stepper::new(domain, &structure, &self.spec, Box::new(engine));

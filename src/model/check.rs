@@ -61,6 +61,12 @@ impl ModelSpec {
             "world_edges: \"apart\" is of bodies at points, whose table [contact] gives them world edges; there is none"
                 .into()
         })?;
+        expect(together || self.architecture.passes_messages(), || {
+            format!(
+                "world_edges: kind {} has no encoders of edges, of which \"apart\" gives world edges one of their own; use \"together\"",
+                self.architecture.name().name()
+            )
+        })?;
         self.segments.check().map_err(|e| e.to_string())
     }
 
@@ -141,30 +147,20 @@ impl ModelSpec {
         expect(self.dim == 3, || {
             format!("contact: bodies are three-dimensional, found {} directions; {WITHOUT_CONTACT}", self.dim)
         })?;
+        // Where no edges are read, the nodes tell where they are.
+        let input = !self.architecture.needs().edges;
         let first = self.fields.first();
         let carries =
-            first.is_some_and(|f| f.name == "D" && f.vector && !f.input && f.output == Output::Delta);
+            first.is_some_and(|f| f.name == "D" && f.vector && f.input == input && f.output == Output::Delta);
         expect(carries && self.fields.len() == 1, || {
-            let found: Vec<&str> = self.fields.iter().map(|f| f.name.as_str()).collect();
+            let found: Vec<String> =
+                self.fields.iter().map(|f| format!("{} (input = {})", f.name, f.input)).collect();
             format!(
-                "fields: with [contact] expected one, {{ name = \"D\", input = false, output = \"delta\" }}, the displacement: a \
-                 vector that the edges carry; found {}; {WITHOUT_CONTACT}",
+                "fields: with [contact] and kind {} expected one, {{ name = \"D\", input = {input}, output = \"delta\" }}, the displacement: \
+                 a vector that the {} carry; found {}; {WITHOUT_CONTACT}",
+                self.architecture.name().name(),
+                if input { "nodes" } else { "edges" },
                 found.join(", ")
-            )
-        })?;
-        expect(self.architecture.needs().edges, || {
-            format!(
-                "kind {}: it reads no edges, which carry the positions of bodies with [contact]; use \"m4gn\" or \
-                 \"mesh-graph-net\"; {WITHOUT_CONTACT}",
-                self.architecture.name().name()
-            )
-        })?;
-        let moves = self.architecture.edge_latents();
-        expect(moves, || {
-            format!(
-                "kind {}: its coarser graphs stay, and the edges of bodies with [contact] move; use \"m4gn\" or \"mesh-graph-net\"; \
-                 {WITHOUT_CONTACT}",
-                self.architecture.name().name()
             )
         })
     }
@@ -244,7 +240,7 @@ mod tests {
     fn refuses_what_no_network_can_be_made_of() {
         assert!(spec().check().is_ok());
         type Change = fn(&mut crate::ModelSpec);
-        let broken: [(&str, Change); 25] = [
+        let broken: [(&str, Change); 26] = [
             ("format", |s| s.format = 2),
             ("dim", |s| s.dim = 1),
             ("stride", |s| s.stride = f64::NAN),
@@ -276,6 +272,11 @@ mod tests {
             }),
             ("width", |s| s.architecture.width = 0),
             ("world_edges: \"apart\"", |s| s.architecture.micro.world_edges = WorldEdges::Apart),
+            ("world_edges: kind g-u-net has no", |s| {
+                *s = bodies();
+                s.architecture.micro.world_edges = WorldEdges::Apart;
+                s.architecture.kind = Kind::GUNet { levels: 1 };
+            }),
             ("node_rwse_steps: expected 0 to 64", |s| s.architecture.micro.node_rwse_steps = 65),
             ("node_sums: kind gcn has no", |s| {
                 s.architecture.kind = Kind::Gcn { layers: 1 };
@@ -302,19 +303,9 @@ mod tests {
         for (word, s) in [
             ("radius", contact(0.0, false)),
             ("edges carry", contact(0.01, true)),
-            ("reads no edges", {
+            ("nodes carry", {
                 let mut s = bodies();
                 s.architecture.kind = Kind::Gcn { layers: 1 };
-                s
-            }),
-            ("g-u-net", {
-                let mut s = bodies();
-                s.architecture.kind = Kind::GUNet { levels: 1 };
-                s
-            }),
-            ("bsms-gnn", {
-                let mut s = bodies();
-                s.architecture.kind = Kind::BsmsGnn { levels: 1 };
                 s
             }),
         ] {

@@ -9,7 +9,7 @@ use m4gn_mesh::{Error, NodeType};
 use m4gn_model::Model;
 use m4gn_modes::Modal;
 use m4gn_samples::bodies as sample;
-use m4gn_samples::model::bodies;
+use m4gn_samples::model::{bodies, bodies_of_other_kinds};
 
 fn case() -> (Model, Body, Obstacle) {
     let mut spec = bodies();
@@ -39,9 +39,8 @@ fn narrow(rows: &[&[Vector]]) -> Vec<f32> {
 fn plainly(model: &Model, place: &mut Place, mut state: Vec<f32>, next: &[f32]) -> (usize, Vec<f64>) {
     let mut inputs = Vec::new();
     place.domain.inputs(&state, next, &mut inputs);
-    let graph = &mut place.structure.graph;
-    place.domain.set_edges(&Comm::serial(), &mut state, graph).unwrap();
-    let edges = graph.senders.len();
+    place.domain.set_edges(&Comm::serial(), &mut state, &mut place.structure).unwrap();
+    let edges = place.structure.graph.senders.len();
     (edges, plain::forward(model, &place.structure, &inputs))
 }
 
@@ -51,6 +50,15 @@ fn steps_are_those_of_the_plain_network() {
     let (model, body, obstacle) = case();
     let edges = steps_against_the_plain_network(&model, &body, &obstacle);
     assert!(edges[0] < edges[2] && edges[3] < edges[2], "{edges:?}");
+}
+
+/// The same of networks that have coarser graphs, or read the displacement at the nodes.
+#[test]
+fn steps_of_other_kinds_are_those_of_the_plain_network() {
+    let (_, body, obstacle) = case();
+    for spec in bodies_of_other_kinds() {
+        steps_against_the_plain_network(&Model::random(spec, 5).unwrap(), &body, &obstacle);
+    }
 }
 
 /// The same of two bodies within reach of each other.

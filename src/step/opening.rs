@@ -75,8 +75,9 @@ impl Session {
         comm.agree(self.check_weights(mesh, model))?;
         let cut = (&self.segment_spec, &self.cell_segment[..]);
         let mut structure = self.host.structure(&comm, mesh, &self.spec, cut)?;
-        if let Some(graph) = self.stepper.graph() {
-            structure.graph = graph.clone();
+        if let Some(moved) = self.stepper.moved() {
+            let Structure { graph, levels, .. } = moved.graphs();
+            (structure.graph, structure.levels) = (graph, levels);
         }
         let network = network(model, self.host.domain(), &structure, &self.options, &comm)?;
         self.stepper.set_network(network);

@@ -6,13 +6,12 @@ use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
 use m4gn_model::ModelSpec;
 use m4gn_structure::Structure;
-use m4gn_structure::graph::Graph;
 
 /// A network on what it lives on.
 pub struct Stepper {
     network: Box<dyn Forward>,
     /// Of a domain whose edges move, with those of the last state.
-    graph: Option<Graph>,
+    moving: Option<Structure>,
     inputs: Vec<f32>,
     outputs: Vec<f32>,
 }
@@ -30,7 +29,7 @@ impl Stepper {
             network,
             inputs: Vec::with_capacity(graph.n_owned * spec.n_field_inputs()),
             outputs: vec![0.0; graph.n_cells * spec.n_outputs()],
-            graph: domain.moves().then(|| graph.clone()),
+            moving: domain.moves().then(|| structure.graphs()),
         }
     }
 
@@ -44,9 +43,9 @@ impl Stepper {
         &self.outputs
     }
 
-    /// The graph with the edges of the last state; none where they stay.
-    pub fn graph(&self) -> Option<&Graph> {
-        self.graph.as_ref()
+    /// The graphs with the edges of the last state; none where they stay.
+    pub fn moved(&self) -> Option<&Structure> {
+        self.moving.as_ref()
     }
 }
 
@@ -58,13 +57,13 @@ impl Predict for Stepper {
         state: &mut [f32],
         next: &[f32],
     ) -> Result<&[f32]> {
-        if let Some(graph) = &mut self.graph {
-            domain.set_edges(comm, state, graph)?;
-            comm.agree(self.network.set_edges(graph))?;
+        if let Some(structure) = &mut self.moving {
+            domain.set_edges(comm, state, structure)?;
+            comm.agree(self.network.set_edges(structure))?;
         }
         domain.inputs(state, next, &mut self.inputs);
         let done = self.network.forward(comm, &self.inputs, &mut self.outputs);
-        match &self.graph {
+        match &self.moving {
             Some(_) => comm.agree(done)?,
             // The ranks agree on it with what becomes of the outputs.
             None => done?,

@@ -85,11 +85,11 @@ pub struct Level {
     pub up: Transfer,
 }
 
-/// `n_levels` coarser graphs of `graph`, the finest first. Collective; all ranks fail together.
+/// `n_levels` coarser graphs of `graph`, whose edges have a vector and its length, the finest first. Collective; all ranks fail together.
 ///
 /// # Errors
 /// [`Error::Input`] for more nodes than can be numbered.
-pub(super) fn bi_stride(mesh: &Mesh, graph: &mut Graph, n_levels: usize, comm: &Comm) -> Result<Vec<Level>> {
+pub fn bi_stride(mesh: &Mesh, graph: &mut Graph, n_levels: usize, comm: &Comm) -> Result<Vec<Level>> {
     if n_levels == 0 {
         return Ok(Vec::new());
     }

@@ -25,7 +25,7 @@ mod top_k;
 mod walk;
 
 pub use diameter::diameter;
-pub use levels::{Level, Transfer};
+pub use levels::{Level, Transfer, bi_stride};
 pub use obstacle::obstacle_distance;
 pub use parts::parts;
 pub use quality::{Dissimilarity, Quality, quality};

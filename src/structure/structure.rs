@@ -39,15 +39,8 @@ impl Structure {
         labels: Option<&[i32]>,
         comm: &Comm,
     ) -> Result<Self> {
+        Self::check_ranks(spec, comm)?;
         let needs = spec.architecture.needs();
-        if needs.whole && comm.size() > 1 {
-            return Err(Error::Model(format!(
-                "kind {}: its coarser graphs are made of the scores of all nodes, in each step, on one rank; found {}: run the solver in \
-                 serial, or train another kind",
-                spec.architecture.name().name(),
-                comm.size()
-            )));
-        }
         let mut graph = Graph::new(mesh, comm)?;
         let levels = bi_stride(mesh, &mut graph, needs.levels, comm)?;
         let segments = match needs.segments {
@@ -61,6 +54,22 @@ impl Structure {
         let sequence = Self::sequence_of(segments.as_ref(), needs, mesh, comm)?;
         let walk = node_walk(mesh, needs.walk, comm)?;
         Ok(Structure { graph, segments, sequence, levels, walk })
+    }
+
+    /// Whether the network that `spec` describes can be on so many ranks.
+    ///
+    /// # Errors
+    /// [`Error::Model`] for one that needs all nodes on one.
+    pub fn check_ranks(spec: &ModelSpec, comm: &Comm) -> Result<()> {
+        match spec.architecture.needs().whole && comm.size() > 1 {
+            true => Err(Error::Model(format!(
+                "kind {}: its coarser graphs are made of the scores of all nodes, in each step, on one rank; found {}: run the solver in \
+                 serial, or train another kind",
+                spec.architecture.name().name(),
+                comm.size()
+            ))),
+            false => Ok(()),
+        }
     }
 
     /// The order of the nodes of a mesh, its cells and boundary faces, within their segments, for a network that needs it. Collective;
@@ -144,6 +153,16 @@ impl Structure {
     /// Segments, 0 without them.
     pub fn n_segments(&self) -> usize {
         self.segments.as_ref().map_or(0, |s| s.count)
+    }
+
+    /// The graph and its coarser ones alone, for who gives them other edges.
+    pub fn graphs(&self) -> Self {
+        Structure::of_graphs(self.graph.clone(), self.levels.clone())
+    }
+
+    /// Of a graph and coarser ones, without segments.
+    pub fn of_graphs(graph: Graph, levels: Vec<Level>) -> Self {
+        Structure { graph, levels, segments: None, sequence: None, walk: Vec::new() }
     }
 
     /// Reflected in the second direction, as the network that `spec` describes reads it: of edges that stay, in cells.

@@ -6,7 +6,7 @@ use m4gn_mesh::NodeType;
 use m4gn_mesh::body::Body;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
-use m4gn_model::{Calibration, ContactSpec, Model, ModelSpec, SegmentMethod, SegmentSpec, WorldEdges};
+use m4gn_model::{Calibration, ContactSpec, Kind, Model, ModelSpec, SegmentMethod, SegmentSpec, WorldEdges};
 use m4gn_samples::bodies as sample;
 use m4gn_step::{Session, SessionOptions};
 
@@ -40,6 +40,24 @@ pub fn failures(comm: &Comm, base: &ModelSpec) -> Vec<String> {
             Ok(error) => failures.push(format!("{name}: differs from serial by {error:e}")),
             Err(e) => failures.push(format!("{name}: {e}")),
         }
+    }
+    for kind in [Kind::BsmsGnn { levels: 3 }, Kind::Gcn { layers: 2 }] {
+        let mut spec = spec(base.clone(), SegmentMethod::Metis, 0);
+        spec.fields[0].input = matches!(kind, Kind::Gcn { .. });
+        spec.architecture.kind = kind;
+        let name = spec.architecture.name().name();
+        match compare(comm, spec) {
+            Ok(error) if error < super::TOLERANCE => {}
+            Ok(error) => failures.push(format!("body, {name}: differs from serial by {error:e}")),
+            Err(e) => failures.push(format!("body, {name}: {e}")),
+        }
+    }
+    let mut whole = spec(base.clone(), SegmentMethod::Metis, 0);
+    whole.architecture.kind = Kind::GUNet { levels: 2 };
+    match compare(comm, whole) {
+        Ok(0.0) if comm.size() == 1 => {}
+        Err(e) if comm.size() > 1 && e.to_string().contains("kind g-u-net") => {}
+        other => failures.push(format!("body, g-u-net on {} ranks: {other:?}", comm.size())),
     }
     let mut corrected = spec(base.clone(), SegmentMethod::SlicExp, 0);
     corrected.calibration = Some(Calibration::of_carried(0.9));

@@ -63,3 +63,14 @@ pub fn bodies() -> ModelSpec {
     s.contact = Some(ContactSpec { radius: 0.5 });
     s
 }
+
+/// Other kinds of networks for bodies at points.
+pub fn bodies_of_other_kinds() -> Vec<ModelSpec> {
+    let of = |kind: Kind| {
+        let mut s = bodies();
+        s.fields[0].input = matches!(kind, Kind::Gcn { .. });
+        s.architecture.kind = kind;
+        s
+    };
+    [Kind::BsmsGnn { levels: 2 }, Kind::GUNet { levels: 2 }, Kind::Gcn { layers: 2 }].map(of).to_vec()
+}

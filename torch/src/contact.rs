@@ -1,7 +1,7 @@
 //! Domains whose edges come and go: world edges, edge features and node inputs for a displacement; edge features are differentiable
 //! in it.
 
-use crate::network::Topology;
+use crate::network::{Links, Topology, pick, sum_into};
 use crate::rollout::State;
 use m4gn_domain::Domain;
 use m4gn_mesh::{Error, Result};
@@ -33,17 +33,21 @@ pub fn at_state(graph: Topology, domains: &[&dyn Domain], state: &State) -> Resu
         face += domain.boundary().owners().count();
     }
     let device = graph.edges.device();
-    // The mesh's edges stand first.
+    // The mesh's edges stand first, those of coarser graphs last.
     let first: i64 = domains.iter().filter_map(|d| d.mesh_edges()).map(|edges| edges.len() as i64).sum();
+    let count = senders.len() as i64;
     let append =
         |old: &Tensor, new: Tensor| Tensor::cat(&[old.narrow(0, 0, first), new.to_device(device)], 0);
-    let count = senders.len() as i64;
+    let insert = |old: &Tensor, new: Tensor| {
+        let coarser: i64 = graph.levels.iter().map(|l| l.senders.size()[0]).sum();
+        Tensor::cat(&[append(old, new), old.narrow(0, old.size()[0] - coarser, coarser)], 0)
+    };
     let flags = Tensor::ones([count, 1], (Kind::Float, Device::Cpu));
     Ok(Topology {
         senders: append(&graph.senders, Tensor::from_slice(&senders)),
         receivers: append(&graph.receivers, Tensor::from_slice(&receivers)),
-        edges: append(&graph.edges, Tensor::from_slice(&rest).view([count, 3])),
-        is_world: Some(append(is_world, flags)),
+        edges: insert(&graph.edges, Tensor::from_slice(&rest).view([count, 3])),
+        is_world: Some(insert(is_world, flags)),
         ..graph
     })
 }
@@ -62,25 +66,32 @@ fn each_state(domains: &[&dyn Domain], cells: &Tensor, boundary: &Tensor) -> Res
     Ok(domains.iter().map(&mut take).collect())
 }
 
-/// Physical features of all edges at a state `[E x 13]`, as the domain has them; what the graph holds
-/// where the nodes do not move.
+/// Physical features of all edges at a state `[E x 13]`, as the domain has them, those of coarser graphs last; what the graph holds where
+/// the nodes do not move.
 pub fn edge_features(graph: &Topology, state: &State) -> Tensor {
     let Some(is_world) = &graph.is_world else {
         return graph.edges.shallow_clone();
     };
-    let u = Tensor::cat(&[&state.cells, &state.boundary], 0);
-    let added = u.index_select(0, &graph.senders) - u.index_select(0, &graph.receivers);
+    let mut u = Tensor::cat(&[&state.cells, &state.boundary], 0);
+    let difference = |u: &Tensor, links: Links| pick(u, links.senders) - pick(u, links.receivers);
+    let mut added = vec![difference(&u, graph.links())];
+    for (level, scale) in graph.levels.iter().zip(std::iter::successors(Some(0.5), |s| Some(0.5 * s))) {
+        u = sum_into(level.nodes, &(pick(&u, &level.finer) * &level.share), &level.coarse);
+        added.push(difference(&u, level.links()) * scale);
+    }
+    let added = Tensor::cat(&added, 0);
     let (rest, now) = (&graph.edges, &graph.edges + &added);
     let sum = |v: Tensor| v.sum_dim_intlist(Some(&[1i64][..]), true, Kind::Float);
-    let length = |v: &Tensor| sum(v.square()).sqrt();
-    let longer =
-        sum(&added * (&now + rest)) / (length(&now) + length(rest)).clamp_min(f64::from(f32::MIN_POSITIVE));
+    // Nodes of coarser graphs may be in one place, where the root has no derivative.
+    let least = f64::from(f32::MIN_POSITIVE);
+    let length = |v: &Tensor| sum(v.square()).clamp_min(least).sqrt();
+    let longer = sum(&added * (&now + rest)) / (length(&now) + length(rest)).clamp_min(least);
     let of_mesh = Tensor::cat(&[rest, &length(rest), &added, &longer], 1) * (1.0 - is_world);
     let of_world = Tensor::cat(&[&now, &length(&now)], 1) * is_world;
     Tensor::cat(&[&of_mesh, &of_world, is_world], 1)
 }
 
-/// Physical node inputs between two states, as the domains have them; no derivative goes through them.
+/// Physical node inputs between two states, as the domains have them; of them the displacement alone, where nodes read it, has a derivative.
 ///
 /// Errors: [`Error::Internal`] where a state cannot be read.
 pub fn node_inputs(domains: &[&dyn Domain], state: &State, next: &State) -> Result<Tensor> {
@@ -95,8 +106,12 @@ pub fn node_inputs(domains: &[&dyn Domain], state: &State, next: &State) -> Resu
         of_boundary.extend_from_slice(boundary);
     }
     of_cells.extend(of_boundary);
-    let nodes = state.cells.size()[0] + state.boundary.size()[0];
-    Ok(Tensor::from_slice(&of_cells).view([nodes, -1]).to_device(state.cells.device()))
+    let u = Tensor::cat(&[&state.cells, &state.boundary], 0);
+    let inputs = Tensor::from_slice(&of_cells).view([u.size()[0], -1]).to_device(u.device());
+    Ok(match domains.first().map_or(0, |d| d.components().inputs.len() as i64) {
+        0 => inputs,
+        read => Tensor::cat(&[u.narrow(1, 0, read), inputs.narrow(1, read, inputs.size()[1] - read)], 1),
+    })
 }
 
 /// The numbers of a tensor, row by row.

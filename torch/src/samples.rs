@@ -174,7 +174,7 @@ impl HostGraph {
             first_cell += graph.cells;
             first_boundary += graph.boundary;
         }
-        let levels = Self::levels(graphs, &mut edges, device);
+        let levels = Self::levels(graphs, &mut edges, edge_width(spec), device);
         let total = (graphs.len() * count) as i64;
         let own_rows =
             member_node.iter().enumerate().all(|(i, &n)| n == i as i64) && member_node.len() == nodes;
@@ -208,7 +208,7 @@ impl HostGraph {
 
     /// The coarser graphs of a union, whose nodes are those of one graph after those of the other; the features of their edges are
     /// appended.
-    fn levels(graphs: &[&HostGraph], edges: &mut Vec<f32>, device: Device) -> Vec<Level> {
+    fn levels(graphs: &[&HostGraph], edges: &mut Vec<f32>, width: usize, device: Device) -> Vec<Level> {
         let cells: usize = graphs.iter().map(|g| g.cells).sum();
         let mut finer_place: Vec<Vec<i64>> = Vec::new();
         let (mut first_cell, mut first_boundary) = (0, cells as i64);
@@ -226,7 +226,9 @@ impl HostGraph {
                 let m4gn_structure::Level { graph, down, .. } = &g.levels[l];
                 senders.extend(graph.senders.iter().map(|&s| nodes + i64::from(s)));
                 receivers.extend(graph.receivers.iter().map(|&r| nodes + i64::from(r)));
-                edges.extend_from_slice(&graph.edge_features);
+                let features = graph.edge_features.len() / graph.senders.len().max(1);
+                // Of a body the vector at rest, which comes first.
+                edges.extend(graph.edge_features.chunks(features.max(1)).flat_map(|row| &row[..width]));
                 finer.extend(down.from.iter().map(|&i| places[i as usize]));
                 for row in 0..graph.n_owned {
                     coarse.extend(down.terms(row).map(|_| nodes + row as i64));

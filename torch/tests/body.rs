@@ -6,7 +6,7 @@ use m4gn_mesh::NodeType;
 use m4gn_mesh::parallel::Comm;
 use m4gn_model::{
     Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec,
-    Output, Precision, SegmentMethod, SegmentSpec,
+    NodeSums, Output, Precision, SegmentMethod, SegmentSpec, WorldEdges,
 };
 use m4gn_step::{Session, SessionOptions};
 use m4gn_torch::contact;
@@ -64,7 +64,20 @@ fn relative(a: &Tensor, b: &Tensor) -> f64 {
 /// world edges, segments, held points.
 #[test]
 fn bodies_take_the_same_step_in_training_and_in_a_session() {
-    let spec = spec();
+    let mut spec = spec();
+    same_steps(&spec);
+    spec.architecture.micro =
+        MicroSpec { world_edges: WorldEdges::Apart, node_sums: NodeSums::Before, node_rwse_steps: 4 };
+    same_steps(&spec);
+    spec.architecture.micro = MicroSpec::default();
+    for kind in [Kind::BsmsGnn { levels: 2 }, Kind::GUNet { levels: 2 }, Kind::Gcn { layers: 2 }] {
+        spec.fields[0].input = matches!(kind, Kind::Gcn { .. });
+        spec.architecture.kind = kind;
+        same_steps(&spec);
+    }
+}
+
+fn same_steps(spec: &ModelSpec) {
     let body = m4gn_samples::bodies::block([6, 2, 2], [3.0, 1.0, 1.0]);
     let obstacle = m4gn_samples::bodies::octahedron([2.6, 0.5, 1.6], 0.5);
     let model = Model::random(spec.clone(), 7).unwrap();
@@ -72,9 +85,9 @@ fn bodies_take_the_same_step_in_training_and_in_a_session() {
     let mut session = Session::new(Comm::serial(), &body.mesh(Some(&obstacle)), &model, &options).unwrap();
 
     let mesh = body.mesh(Some(&obstacle));
-    let sample = m4gn_learn::samples::Sample::of_mesh(&mesh, &spec, &spec.segments, None, None).unwrap();
-    let sample = Sample::new(&std::sync::Arc::new(sample), &spec, Device::Cpu).unwrap();
-    let layout = Layout::new(&spec);
+    let sample = m4gn_learn::samples::Sample::of_mesh(&mesh, spec, &spec.segments, None, None).unwrap();
+    let sample = Sample::new(&std::sync::Arc::new(sample), spec, Device::Cpu).unwrap();
+    let layout = Layout::new(spec);
     let weights = layout.views(&Tensor::from_slice(&layout.flatten(&model).unwrap()), false);
     let network = Network::new(&spec.architecture, &weights);
     let scale = |name: &str| {
@@ -82,7 +95,7 @@ fn bodies_take_the_same_step_in_training_and_in_a_session() {
         (part("mean"), part("std"))
     };
     let scales = Scales { node: scale("node"), edge: scale("edge"), output: scale("output") };
-    let stepper = Stepper::new(&spec, &Components::new(&spec), Device::Cpu);
+    let stepper = Stepper::new(spec, &Components::new(spec), Device::Cpu);
     let domains = [sample.domain(false)];
     let tensor = |rows: &[[f64; 3]]| {
         let flat: Vec<f32> = rows.iter().flatten().map(|&v| v as f32).collect();

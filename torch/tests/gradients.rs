@@ -322,4 +322,11 @@ fn gradients_of_bodies_are_those_of_libtorch() {
         spec.architecture.micro = micro;
         compare(name, &spec, &solids(&spec), Precision::Fp32, 1e-5);
     }
+    spec.architecture.micro = MicroSpec::default();
+    for kind in [Kind::BsmsGnn { levels: 2 }, Kind::GUNet { levels: 2 }, Kind::Gcn { layers: 2 }] {
+        spec.fields[0].input = matches!(kind, Kind::Gcn { .. });
+        spec.architecture.kind = kind;
+        let name = spec.architecture.name().name();
+        compare(name, &spec, &solids(&spec), Precision::Fp32, 1e-5);
+    }
 }

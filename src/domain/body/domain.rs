@@ -1,11 +1,13 @@
 //! A body as a domain: edges and inputs of its states, and their derivatives.
 
-use super::graph::{Body, MeshEdge, N_FEATURES, features_backward};
-use crate::{Boundary, Components, Domain, Edges};
+use super::coarser;
+use super::graph::{Body, MeshEdge, by_ends};
+use crate::{Boundary, Components, Domain};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::vector::Vector;
 use m4gn_mesh::{Error, Result};
-use m4gn_structure::graph::Graph;
+use m4gn_model::N_CONTACT_INPUTS;
+use m4gn_structure::Structure;
 
 impl Body {
     /// The same body and obstacle reflected in y.
@@ -41,7 +43,7 @@ impl Domain for Body {
         self.held[point]
     }
 
-    fn set_edges(&self, comm: &Comm, state: &mut [f32], graph: &mut Graph) -> Result<()> {
+    fn set_edges(&self, comm: &Comm, state: &mut [f32], structure: &mut Structure) -> Result<()> {
         let (local, owned) = (3 * self.n_local(), 3 * self.n_owned());
         let checked = match state[..owned.min(state.len())].iter().position(|v| !v.is_finite()) {
             _ if state.len() < local => {
@@ -51,19 +53,17 @@ impl Domain for Body {
             None => Ok(()),
         };
         comm.agree(checked)?;
+        let Structure { graph, levels, .. } = structure;
         graph.halo.exchange_f32(comm, &mut state[..local], 3);
         self.edges_at(&state[..local], graph);
+        coarser::strain(comm, &state[..local], levels);
         Ok(())
     }
 
-    fn edges_backward(&self, edges: &Edges, d: &[f32], d_state: &mut [f32]) {
-        let rows = edges.features.chunks_exact(N_FEATURES).zip(d.chunks_exact(N_FEATURES));
-        for ((x, d), (&s, &r)) in rows.zip(edges.senders.iter().zip(&edges.receivers)) {
-            for (i, by) in features_backward(x, d).into_iter().enumerate() {
-                d_state[3 * s as usize + i] += by;
-                d_state[3 * r as usize + i] -= by;
-            }
-        }
+    fn edges_backward(&self, structure: &Structure, d: &[Vec<f32>], d_state: &mut [f32]) {
+        let Some((d, of_levels)) = d.split_first() else { return };
+        by_ends(&structure.graph, d, 1.0, d_state);
+        coarser::strain_backward(&structure.levels, of_levels, d_state);
     }
 
     fn inputs(&self, state: &[f32], next: &[f32], inputs: &mut Vec<f32>) {
@@ -71,7 +71,13 @@ impl Domain for Body {
     }
 
     /// The motion of an obstacle is prescribed, and how near it is counts as given.
-    fn inputs_backward(&self, _d_inputs: &[f32], _d_state: &mut [f32]) {}
+    fn inputs_backward(&self, d_inputs: &[f32], d_state: &mut [f32]) {
+        let fields = self.components.inputs.len();
+        let rows = d_inputs.chunks_exact(fields + N_CONTACT_INPUTS);
+        for (to, d) in d_state.chunks_exact_mut(self.components.count).zip(rows) {
+            to.iter_mut().zip(&d[..fields]).for_each(|(to, d)| *to += d);
+        }
+    }
 
     fn reflected(&self) -> Box<dyn Domain> {
         Box::new(self.mirrored())

@@ -14,8 +14,8 @@ pub use edges::{MeshEdge, N_FEATURES, has_feature};
 
 use super::part::BodyPart;
 use super::skins::Skins;
-use crate::{Boundary, Components, Domain};
-pub(super) use edges::features_backward;
+use crate::{Boundary, Components};
+pub(super) use edges::{by_ends, mesh_features};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::surface::Surface;
@@ -168,7 +168,7 @@ impl Body {
             edge_features: Vec::new(),
             halo,
         };
-        body.set_edges(comm, &mut vec![0.0; 3 * n_local], &mut graph)?;
+        body.edges_at(&vec![0.0; 3 * n_local], &mut graph);
         Ok((body, graph))
     }
 

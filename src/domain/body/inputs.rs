@@ -6,8 +6,8 @@ use m4gn_mesh::vector::Vector;
 use m4gn_model::N_CONTACT_INPUTS;
 
 impl Body {
-    /// Node inputs of the owned nodes `[n_owned x 8]`, m, for a displacement of all local nodes `[n_local x 3]`, and that of the
-    /// obstacle's points after the step, in rows of the same order.
+    /// Node inputs of the owned nodes, m, for a displacement of all local nodes `[n_local x 3]`, and that of the obstacle's points after the
+    /// step, in rows of the same order: the displacement, where the network reads it at the nodes, and eight numbers.
     ///
     /// Of a point of the obstacle: its motion, then zeros. Of a point of the skin that the obstacle is near to, at most the radius of
     /// world edges: 0 0 0, how much nearer than the radius the obstacle is now, how much after its motion if the body stays where it
@@ -17,9 +17,15 @@ impl Body {
     ///
     /// The obstacle's points alone (world edges) say poorly how deep it sinks in between them.
     pub(super) fn inputs_at(&self, displacement: &[f32], next: &[f32], inputs: &mut Vec<f32>) {
+        let fields = self.components.inputs.len();
+        let width = fields + N_CONTACT_INPUTS;
         inputs.clear();
-        inputs.resize(self.n_owned() * N_CONTACT_INPUTS, 0.0);
-        let rows = inputs.as_chunks_mut::<N_CONTACT_INPUTS>().0;
+        inputs.resize(self.n_owned() * width, 0.0);
+        for (row, u) in inputs.chunks_exact_mut(width).zip(displacement.as_chunks::<3>().0) {
+            row[..fields].copy_from_slice(&u[..fields]);
+        }
+        let mut rows: Vec<&mut [f32]> =
+            inputs.chunks_exact_mut(width).map(|row| &mut row[fields..]).collect();
         let n = self.n_points();
         let of_obstacle = |rows: &[f32]| -> Vec<[f32; 3]> {
             let rows = rows.as_chunks::<3>().0;
@@ -38,7 +44,7 @@ impl Body {
         for &p in self.skin() {
             let u = &displacement[3 * p as usize..][..3];
             let x: Vector = std::array::from_fn(|i| self.rest()[p as usize][i] + f64::from(u[i]));
-            let row = &mut rows[p as usize];
+            let row = &mut *rows[p as usize];
             let own = self.part_of(p as usize);
             let others = parts.iter().enumerate().filter(|(part, _)| *part != own);
             let other = nearest(others.map(|(_, skin)| self.nearness(skin, x)));

@@ -5,6 +5,7 @@
 //! and [`quality`] has the paper's mesh metrics (appendix C.2). In a host's run the stride before is known as well: it corrects the
 //! strides after a hand-over.
 
+mod coarser;
 mod correction;
 mod domain;
 pub mod gap;
@@ -49,6 +50,7 @@ impl Made {
         modes: &dyn ModalSource,
         comm: &Comm,
     ) -> Result<Self> {
+        Structure::check_ranks(spec, comm)?;
         let needed = spec.architecture.needs().segments;
         // Every rank computes the same modes: bodies at points are small beside what ranks are for.
         let modes = match needed && labels.is_none() && settings.method.uses_modes() && settings.count > 1 {
@@ -70,7 +72,8 @@ impl Made {
             let pairs = &part.obstacle_edges;
             walk.extend(m4gn_structure::walk_of_pairs(part.obstacle.len(), pairs, needs.walk));
         }
-        let structure = Structure { graph, segments, sequence, levels: Vec::new(), walk };
+        let levels = body.coarser(&part.mesh, &graph, needs.levels, comm)?;
+        let structure = Structure { graph, segments, sequence, levels, walk };
         Ok(Made { part, body, structure })
     }
 }

@@ -136,14 +136,12 @@ impl<T: Number> Processor<T> for BiStride<T> {
         tape: &mut BiStrideTape<T>,
         work: &mut Buffers<T>,
         gradients: &mut Gradients,
-        mut edges: Option<&mut Vec<f32>>,
+        mut edges: Option<&mut [Vec<f32>]>,
     ) {
         let columns = self.columns;
         let BiStrideTape { layers, rows, risen } = tape;
         let (depth, size) = (graph.coarser.len(), graph.n_nodes() * columns);
-        if let Some(edges) = edges.as_deref_mut() {
-            edges.fill(0.0);
-        }
+        edges.iter_mut().flat_map(|e| e.iter_mut()).for_each(|e| e.fill(0.0));
         let Buffers { shared, d_edges, d_nodes, .. } = work;
         let mut layer = |l: usize, number: usize, d: &mut [f32]| {
             let (order, tiles, _) = graph.level::<T>(l);
@@ -151,7 +149,7 @@ impl<T: Number> Processor<T> for BiStride<T> {
             let by_edges = cleared(d_edges, n * columns);
             let links = Links::of(order);
             self.layers[number].backward(links, &tiles, &layers[number], shared, (d, by_edges), gradients);
-            let Some(edges) = edges.as_deref_mut().filter(|_| l == 0) else { return };
+            let Some(edges) = edges.as_deref_mut().map(|e| &mut e[l]) else { return };
             let k = self.n_edge_features;
             for (&edge, d) in order.edge.iter().zip(by_edges.chunks_exact(columns)) {
                 let to = edges[edge as usize * k..(edge as usize + 1) * k].iter_mut();

@@ -152,7 +152,7 @@ impl<T: Number> Processor<T> for Convolutions<T> {
         tape: &mut ConvolutionsTape<T>,
         work: &mut Buffers<T>,
         gradients: &mut Gradients,
-        edges: Option<&mut Vec<f32>>,
+        edges: Option<&mut [Vec<f32>]>,
     ) {
         let (isa, columns, order) = (self.isa, self.columns, &graph.order);
         let size = graph.n_nodes() * columns;
@@ -189,6 +189,6 @@ impl<T: Number> Processor<T> for Convolutions<T> {
             work.d_nodes[..size].copy_from_slice(&scaled[..size]);
             scale_rows(&mut work.d_nodes[..size], columns, scale);
         }
-        edges.into_iter().for_each(|e| e.fill(0.0));
+        edges.into_iter().flatten().for_each(|e| e.fill(0.0));
     }
 }

@@ -9,8 +9,7 @@ use crate::tiles::{self, Tile};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
-use m4gn_structure::graph::Graph;
-use m4gn_structure::{Structure, Transfer};
+use m4gn_structure::{Level, Structure, Transfer};
 
 /// Segments of the nodes, by place in the engine's order.
 #[derive(Clone, Debug)]
@@ -43,6 +42,12 @@ pub struct Coarser {
     pub down: Transfer,
     /// The transpose.
     pub up: Transfer,
+}
+
+impl Coarser {
+    fn with_features(&self, level: &Level) -> Self {
+        Coarser { edge_features: level.graph.edge_features.clone(), ..self.clone() }
+    }
 }
 
 /// One serial graph, its node features that do not change, and its segments.
@@ -135,8 +140,9 @@ impl TrainGraph {
         })
     }
 
-    /// The same nodes with other edges: those of a graph that changes with time.
-    pub fn with_edges(&self, graph: &Graph) -> Self {
+    /// The same nodes with other edges, and coarser graphs with other features of theirs: those of a structure that changes with time.
+    pub fn with_edges(&self, structure: &Structure) -> Self {
+        let graph = &structure.graph;
         // On one rank no node waits for ghosts, so that the order of the nodes stays.
         let order = Order::of(graph, &self.order.search);
         TrainGraph {
@@ -145,7 +151,12 @@ impl TrainGraph {
             cells: self.cells.clone(),
             fixed: self.fixed.clone(),
             members: self.members.clone(),
-            coarser: self.coarser.clone(),
+            coarser: self
+                .coarser
+                .iter()
+                .zip(&structure.levels)
+                .map(|(c, level)| c.with_features(level))
+                .collect(),
             walk: self.walk.clone(),
         }
     }
@@ -173,6 +184,12 @@ impl TrainGraph {
     /// Physical features, a row an edge of the graph.
     pub fn edge_features(&self) -> &[f32] {
         &self.edge_features
+    }
+
+    /// Zeros for the derivatives by the features of the graph's edges, and by those of each coarser one.
+    pub fn no_edge_gradient(&self) -> Vec<Vec<f32>> {
+        let all = std::iter::once(&self.edge_features).chain(self.coarser.iter().map(|c| &c.edge_features));
+        all.map(|features| vec![0.0; features.len()]).collect()
     }
 
     /// Sender and receiver of each edge, by the graph's numbers.

@@ -175,7 +175,7 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
         tape: &mut GraphUNetTape<T>,
         work: &mut Buffers<T>,
         gradients: &mut Gradients,
-        edges: Option<&mut Vec<f32>>,
+        edges: Option<&mut [Vec<f32>]>,
     ) {
         let columns = self.columns;
         let k = scales.edge.mean.len();
@@ -228,7 +228,7 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
             sum.zip(d_unit.iter().zip(&unit)).for_each(|(sum, (d, p))| *sum += (d - along * p) / length);
         }
         d_nodes[..size].copy_from_slice(&rows[0][..size]);
-        let Some(edges) = edges else { return };
+        let Some(edges) = edges.and_then(|e| e.first_mut()) else { return };
         for l in (0..depth).rev() {
             let (finer, own) = by_edges.split_at_mut(l + 1);
             let transposed = below[l].edges.transposed(finer[l].len() / k);

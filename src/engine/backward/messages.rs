@@ -166,7 +166,7 @@ impl<T: Number> Processor<T> for Messages<T> {
         tape: &mut MessagesTape<T>,
         work: &mut Buffers<T>,
         gradients: &mut Gradients,
-        mut edges: Option<&mut Vec<f32>>,
+        edges: Option<&mut [Vec<f32>]>,
     ) {
         let (columns, n_nodes, n_edges) = (self.columns, graph.n_nodes(), graph.n_edges());
         fit(&mut work.d_edges, n_edges * columns);
@@ -183,6 +183,7 @@ impl<T: Number> Processor<T> for Messages<T> {
         if self.layers_before == 0 {
             self.stage_backward(graph, tape, work, gradients);
         }
+        let mut edges = edges.and_then(|e| e.first_mut());
         if self.layers.is_empty() {
             edges.into_iter().for_each(|e| e.fill(0.0));
             return;

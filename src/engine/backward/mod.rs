@@ -101,8 +101,8 @@ pub struct Scales {
 pub struct InputGradient {
     /// `[nodes x n_field_inputs]`
     pub nodes: Vec<f32>,
-    /// `[edges x n_edge_features]`, where edges depend on the state.
-    pub edges: Option<Vec<f32>>,
+    /// Of the graph, then of each coarser one, `[edges x n_edge_features]`, where edges depend on the state.
+    pub edges: Option<Vec<Vec<f32>>>,
 }
 
 /// The network with its weights, for gradients; shared by threads.

@@ -230,7 +230,7 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
                 gradients,
             );
         }
-        let edges = inputs.as_deref_mut().and_then(|i| i.edges.as_mut());
+        let edges = inputs.as_deref_mut().and_then(|i| i.edges.as_deref_mut());
         self.processor.backward(graph, scales, &mut tape.processor, work, gradients, edges);
         let Buffers { shared, fp32, d_nodes, d_features, .. } = work;
         for rows in blocks::<T>(n_nodes) {

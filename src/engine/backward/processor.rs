@@ -39,7 +39,7 @@ pub trait Processor<T: Number>: Debug + Send + Sync + Sized + 'static {
     fn forward(&self, graph: &TrainGraph, scales: &Scales, tape: &mut Self::Tape, work: &mut Buffers<T>);
 
     /// From derivatives by the latents behind it (`work.d_nodes`, and `work.d_segments` by h_S) to those before it, in
-    /// `work.d_nodes`; to `edges`, where asked for, those by the physical edge features.
+    /// `work.d_nodes`; to `edges`, where asked for, those by the physical edge features of the graph and of each coarser one.
     fn backward(
         &self,
         graph: &TrainGraph,
@@ -47,6 +47,6 @@ pub trait Processor<T: Number>: Debug + Send + Sync + Sized + 'static {
         tape: &mut Self::Tape,
         work: &mut Buffers<T>,
         gradients: &mut Gradients,
-        edges: Option<&mut Vec<f32>>,
+        edges: Option<&mut [Vec<f32>]>,
     );
 }

@@ -4,7 +4,7 @@ use super::*;
 use crate::plain;
 use crate::tests::{apart, instruction_sets, mesh, structure};
 use m4gn_model::{Activation, Kind, M4gn, Model, NodeSums, Output};
-use m4gn_samples::model::spec;
+use m4gn_samples::model::{bodies_of_other_kinds, spec};
 use m4gn_structure::Structure;
 
 /// A model on a small channel of triangles, and a loss: a fixed weight for each output.
@@ -58,10 +58,9 @@ impl Case {
         let graph = TrainGraph::new(&self.model.spec, &self.structure).unwrap();
         let (mut worker, scales) = (network.worker(), scales(&self.model));
         let mut outputs = vec![0.0; self.loss.len()];
-        let mut inputs = InputGradient {
-            nodes: vec![f32::NAN; self.inputs.len()],
-            edges: Some(vec![f32::NAN; self.structure.graph.edge_features.len()]),
-        };
+        let mut inputs =
+            InputGradient { nodes: vec![f32::NAN; self.inputs.len()], edges: Some(graph.no_edge_gradient()) };
+        inputs.edges.iter_mut().flatten().for_each(|e| e.fill(f32::NAN));
         let mut flat = Vec::new();
         for at in [1, 0] {
             flat = vec![0.0; network.layout().len()];
@@ -183,6 +182,9 @@ fn specs() -> Vec<(String, ModelSpec, bool)> {
             (s.architecture.hidden_layers, s.architecture.kind) = (hidden, kind.clone());
         });
     }
+    for other in bodies_of_other_kinds() {
+        add("bodies", false, &|s| *s = other.clone());
+    }
     for sums in [NodeSums::After, NodeSums::Before] {
         add("world edges apart", false, &|s| {
             *s = apart();
@@ -242,12 +244,18 @@ fn differences(name: &str, mut case: Case, tolerance: f64) {
     check(&format!("{name}: inputs"), &case.inputs, &inputs.nodes, tolerance, |x| {
         case.plain(&case.model, &case.structure, x)
     });
-    let (what, features) = (format!("{name}: edges"), inputs.edges.unwrap());
-    check(&what, &case.structure.graph.edge_features, &features, tolerance, |x| {
-        let mut structure = case.structure.clone();
-        structure.graph.edge_features = x.to_vec();
-        case.plain(&case.model, &structure, &case.inputs)
-    });
+    fn of_edges(structure: &mut Structure, l: usize) -> &mut Vec<f32> {
+        let level = l.checked_sub(1).map(|l| &mut structure.levels[l].graph);
+        &mut level.unwrap_or(&mut structure.graph).edge_features
+    }
+    for (l, by_features) in inputs.edges.unwrap().iter().enumerate() {
+        let features = of_edges(&mut case.structure.clone(), l).clone();
+        check(&format!("{name}: edges of graph {l}"), &features, by_features, tolerance, |x| {
+            let mut structure = case.structure.clone();
+            *of_edges(&mut structure, l) = x.to_vec();
+            case.plain(&case.model, &structure, &case.inputs)
+        });
+    }
 }
 
 /// Distance of two vectors, relative to the length of the second.

@@ -80,7 +80,7 @@ impl<T: Number + Element> Network<T> {
             profile: None,
         };
         network.place_nodes(graph);
-        network.place_edges(graph);
+        network.place_edges(structure);
         if !options.edges_move {
             network.grid.order.search = Vec::new();
         }
@@ -94,8 +94,8 @@ impl<T: Number + Element> Network<T> {
     ///
     /// # Errors
     /// [`Error::Internal`] for other nodes, or features of another kind.
-    pub fn set_edges(&mut self, graph: &Graph) -> Result<()> {
-        let grid = &mut self.grid;
+    pub fn set_edges(&mut self, structure: &Structure) -> Result<()> {
+        let (grid, graph) = (&mut self.grid, &structure.graph);
         if (grid.n_owned, grid.n_local) != (graph.n_owned, graph.n_local)
             || graph.edge_features.len() != graph.senders.len() * self.n_edge_features
             || grid.order.search.len() != graph.n_owned
@@ -113,7 +113,7 @@ impl<T: Number + Element> Network<T> {
             self.place_nodes(graph);
         }
         self.grid.cut();
-        self.place_edges(graph);
+        self.place_edges(structure);
         Ok(())
     }
 
@@ -124,8 +124,8 @@ impl<T: Number + Element> Network<T> {
     }
 
     /// What follows from the edges: features in the engine's order, room for latents.
-    fn place_edges(&mut self, graph: &Graph) {
-        self.processor.place(&mut self.grid, graph);
+    fn place_edges(&mut self, structure: &Structure) {
+        self.processor.place(&mut self.grid, structure);
         self.grid.order.edge = Vec::new();
     }
 

@@ -12,7 +12,6 @@ use crate::tiles::Scratch;
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::{Comm, Element, Halo};
 use m4gn_model::Model;
-use m4gn_structure::graph::Graph;
 use m4gn_structure::{Structure, Transfer};
 
 /// The layers of a model on a graph and its coarser ones.
@@ -72,20 +71,20 @@ impl<T: Number + Element> BiStride<T> {
         let mut coarser: Vec<Coarser<T>> = Vec::new();
         for level in structure.levels_for(architecture.needs())? {
             let pool = Pool::new(1, grid.isa);
-            let mut own = Grid::new(&level.graph, grid.columns, pool, Vec::new(), grid.timed);
+            let own = Grid::new(&level.graph, grid.columns, pool, Vec::new(), grid.timed);
             let finer = &coarser.last().map_or(grid, |c| &c.grid).order;
             let (places, finer_places) = (own.order.places(), finer.places());
             coarser.push(Coarser {
                 down: level.down.placed(&own.order.node, &finer_places),
                 up: level.up.placed(&finer.node, &places),
-                floor: Floor::new(&mut own, &level.graph.edge_features, &edge_scale),
+                floor: Floor::of_nodes(&own),
                 grid: own,
             });
         }
         let layers = 0..architecture.layers();
         Ok(BiStride {
             layers: layers.map(|l| Layer::new(grid.isa, model, l)).collect::<Result<_>>()?,
-            finest: Floor { features: Buffer::new(0), ..Floor::of_nodes(grid) },
+            finest: Floor::of_nodes(grid),
             edge_scale,
             coarser,
         })
@@ -146,12 +145,18 @@ impl<T: Number + Element> Floor<T> {
         }
     }
 
-    /// With the features of the edges, of which the grid then forgets the order.
-    pub fn new(grid: &mut Grid<T>, of_edges: &[f32], (mean, scale): &(Vec<f32>, Vec<f32>)) -> Self {
-        let order = std::mem::take(&mut grid.order.edge);
-        let mut floor = Floor { features: Buffer::new(order.len() * grid.columns), ..Self::of_nodes(grid) };
-        features((mean, scale), of_edges, &order, grid.columns, &mut floor.features);
-        floor
+    /// Takes the features of edges in this order.
+    pub fn take(
+        &mut self,
+        order: &[u32],
+        of_edges: &[f32],
+        (mean, scale): &(Vec<f32>, Vec<f32>),
+        columns: usize,
+    ) {
+        if self.features.len() != order.len() * columns {
+            self.features = Buffer::new(order.len() * columns);
+        }
+        features((mean, scale), of_edges, order, columns, &mut self.features);
     }
 
     /// One layer with its halo exchange.
@@ -182,12 +187,23 @@ impl<T: Number + Element> Floor<T> {
 }
 
 impl<T: Number + Element> Processor<T> for BiStride<T> {
-    fn place(&mut self, grid: &mut Grid<T>, graph: &Graph) {
-        self.finest = Floor::new(grid, &graph.edge_features, &self.edge_scale);
+    fn place(&mut self, grid: &mut Grid<T>, structure: &Structure) {
+        let (scale, columns) = (&self.edge_scale, grid.columns);
+        self.finest.take(&grid.order.edge, &structure.graph.edge_features, scale, columns);
+        for (Coarser { grid, floor, .. }, level) in self.coarser.iter_mut().zip(&structure.levels) {
+            floor.take(&grid.order.edge, &level.graph.edge_features, scale, columns);
+        }
     }
 
-    /// The edges of a graph that has coarser ones stay.
-    fn reorder(&mut self, _: &[u32], _: &[u32]) {}
+    fn reorder(&mut self, before: &[u32], node: &[u32]) {
+        let Some(first) = self.coarser.first_mut() else { return };
+        let old: Vec<u32> = node.iter().map(|&i| before[i as usize]).collect();
+        let mut new = vec![0; old.len()];
+        (0..).zip(&old).for_each(|(place, &old)| new[old as usize] = place);
+        let rows: Vec<u32> = (0..first.grid.n_owned as u32).collect();
+        first.down = first.down.placed(&rows, &new);
+        first.up = first.up.placed(&old, &[]);
+    }
 
     fn run(&mut self, comm: &Comm, grid: &mut Grid<T>) {
         Self::cycle(comm, grid, &mut self.finest, &mut self.coarser, &self.layers);
@@ -202,7 +218,7 @@ impl<T: Number + Element> Processor<T> for BiStride<T> {
         let [features, rows] = floors.fold([0, 0], |sum, floor| [0, 1].map(|i| sum[i] + floor.bytes()[i]));
         let lists = self.coarser.iter().map(|c| {
             let order = &c.grid.order;
-            let graph = order.node.len() + order.row.len() + 2 * order.senders.len();
+            let graph = order.node.len() + order.row.len() + 3 * order.senders.len();
             let transfers = [&c.down, &c.up].map(|t| t.row.len() + 2 * t.from.len());
             4 * (graph + transfers[0] + transfers[1]) + c.grid.nodes.bytes()
         });

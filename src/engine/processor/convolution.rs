@@ -10,6 +10,7 @@ use crate::segment_stage::SegmentStage;
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::{Comm, Element};
 use m4gn_model::Model;
+use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
 
 /// The convolutions of a model on a graph.
@@ -46,7 +47,7 @@ impl<T: Number> Convolutions<T> {
 }
 
 impl<T: Number + Element> Processor<T> for Convolutions<T> {
-    fn place(&mut self, grid: &mut Grid<T>, _: &Graph) {
+    fn place(&mut self, grid: &mut Grid<T>, _: &Structure) {
         self.scale = scales(&grid.order.row);
     }
 

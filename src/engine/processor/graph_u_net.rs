@@ -14,8 +14,7 @@ use crate::segment_stage::SegmentStage;
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::{Comm, Element};
 use m4gn_model::Model;
-use m4gn_structure::Pooled;
-use m4gn_structure::graph::Graph;
+use m4gn_structure::{Pooled, Structure};
 
 /// The layers of a model.
 #[derive(Debug)]
@@ -94,7 +93,8 @@ impl<T: Number + Element> GraphUNet<T> {
         let mut next: Grid<T> = Grid::new(&graph, columns, pool, Vec::new(), grid.timed);
         (below.senders, below.receivers) = (graph.senders, graph.receivers);
         let as_they_are = (vec![0.0; k], vec![1.0; k]);
-        let mut ground = Floor::new(&mut next, &below.features, &as_they_are);
+        let mut ground = Floor::of_nodes(&next);
+        ground.take(&next.order.edge, &below.features, &as_they_are, columns);
         // Where a place of the coarser graph stands in this one.
         let above = |p: usize| place[kept[next.order.node[p] as usize] as usize] as usize * columns;
         let above: Vec<usize> = (0..next.n_owned).map(above).collect();
@@ -113,7 +113,8 @@ impl<T: Number + Element> GraphUNet<T> {
 }
 
 impl<T: Number + Element> Processor<T> for GraphUNet<T> {
-    fn place(&mut self, grid: &mut Grid<T>, graph: &Graph) {
+    fn place(&mut self, grid: &mut Grid<T>, structure: &Structure) {
+        let graph = &structure.graph;
         let k = self.edge_scale.0.len();
         let order: Vec<u32> = (0..graph.senders.len() as u32).collect();
         let scale = (&self.edge_scale.0[..], &self.edge_scale.1[..]);
@@ -121,10 +122,10 @@ impl<T: Number + Element> Processor<T> for GraphUNet<T> {
         features(scale, &graph.edge_features, &order, k, &mut normed);
         self.graph =
             Links { senders: graph.senders.clone(), receivers: graph.receivers.clone(), features: normed };
-        self.finest = Floor::new(grid, &graph.edge_features, &self.edge_scale);
+        self.finest.take(&grid.order.edge, &graph.edge_features, &self.edge_scale, grid.columns);
     }
 
-    /// The edges of a graph that has coarser ones stay.
+    /// It knows nothing of the nodes.
     fn reorder(&mut self, _: &[u32], _: &[u32]) {}
 
     fn run(&mut self, comm: &Comm, grid: &mut Grid<T>) {

@@ -16,6 +16,7 @@ use crate::tiles::{Scratch, Tile, runs, sums_of_kinds};
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::{Comm, Element};
 use m4gn_model::Model;
+use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
 
 /// Message-passing layers and macro stage of a model on a graph.
@@ -207,8 +208,8 @@ impl<T: Number + Element> Messages<T> {
 }
 
 impl<T: Number + Element> Processor<T> for Messages<T> {
-    fn place(&mut self, grid: &mut Grid<T>, graph: &Graph) {
-        self.features.place(&grid.order, &graph.edge_features);
+    fn place(&mut self, grid: &mut Grid<T>, structure: &Structure) {
+        self.features.place(&grid.order, &structure.graph.edge_features);
         self.encoded = None;
         let size = grid.order.edge.len() * grid.columns;
         if self.edges.len() < size {

@@ -19,7 +19,6 @@ use m4gn_mesh::Result;
 use m4gn_mesh::parallel::{Comm, Element};
 use m4gn_model::{Kind, Model};
 use m4gn_structure::Structure;
-use m4gn_structure::graph::Graph;
 use messages::Messages;
 use std::fmt::Debug;
 
@@ -29,8 +28,8 @@ pub const KEEP_ENCODED: usize = 256 << 20;
 
 /// The network between its encoder and its decoder, on a graph.
 pub trait Processor<T>: Debug + Send + Sync {
-    /// Takes the edges of a graph, whose order `grid` has; again where a graph has got other edges.
-    fn place(&mut self, grid: &mut Grid<T>, graph: &Graph);
+    /// Takes the edges of a structure, whose order `grid` has; again where they have become others.
+    fn place(&mut self, grid: &mut Grid<T>, structure: &Structure);
 
     /// Moves what it knows of the nodes to another order: `before` is each node's place until now, `node` the node at each
     /// place from now on.

@@ -10,7 +10,6 @@ use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::plugin::{Plugin, c_string};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
-use m4gn_structure::graph::Graph;
 use m4gn_structure::{Level, Structure};
 use std::ffi::{c_char, c_void};
 
@@ -162,7 +161,7 @@ impl Forward for TorchBackend {
         self.library.check(status)
     }
 
-    fn set_edges(&mut self, _: &Graph) -> Result<()> {
+    fn set_edges(&mut self, _: &Structure) -> Result<()> {
         Err(Error::Internal("libtorch's graph has edges that stay".into()))
     }
 }

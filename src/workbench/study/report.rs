@@ -36,9 +36,9 @@ impl Cell {
     }
 }
 
-/// The model's row: with contact projection, where there is one.
+/// The model's row.
 fn model(figures: &Value) -> &Value {
-    if figures["projected"].is_object() { &figures["projected"] } else { &figures["model"] }
+    &figures["model"]
 }
 
 /// Mean and standard deviation over seeds; none of one seed, and infinite where a figure is not finite.

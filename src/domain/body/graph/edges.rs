@@ -101,7 +101,13 @@ impl Body {
             for (edge, is_world) in of_mesh.chain(of_world) {
                 senders.push(edge.sender);
                 receivers.push(node);
-                edge_features.extend(features(edge, is_world, displacement));
+                edge_features.extend(match is_world {
+                    true => world_features(edge, displacement),
+                    false => mesh_features(
+                        edge.rest.map(|v| v as f32),
+                        added(edge.sender, edge.receiver, displacement),
+                    ),
+                });
             }
             row.push(senders.len() as u32);
         }
@@ -115,28 +121,33 @@ struct PartGrid {
     grid: Within,
 }
 
-/// Features of an edge for the displacement of all local nodes.
-fn features(edge: &MeshEdge, is_world: bool, displacement: &[f32]) -> [f32; N_FEATURES] {
+/// Displacement of an edge's sender beside its receiver's, m.
+fn added(sender: i32, receiver: i32, displacement: &[f32]) -> Vector32 {
     let u = |node: i32, i: usize| displacement[3 * node as usize + i];
-    let rest = edge.rest.map(|v| v as f32);
-    let added: Vector32 = std::array::from_fn(|i| u(edge.sender, i) - u(edge.receiver, i));
+    std::array::from_fn(|i| u(sender, i) - u(receiver, i))
+}
+
+/// Features of an edge of the mesh: its vector at rest, and what has been added to it.
+pub(in crate::body) fn mesh_features(rest: Vector32, added: Vector32) -> [f32; N_FEATURES] {
     let now: Vector32 = std::array::from_fn(|i| rest[i] + added[i]);
     let mut f = [0.0; N_FEATURES];
-    match is_world {
-        false => {
-            f[..3].copy_from_slice(&rest);
-            f[3] = length(rest);
-            f[4..7].copy_from_slice(&added);
-            // The difference of two lengths, without the loss of its digits.
-            let twice: f32 = (0..3).map(|i| added[i] * (now[i] + rest[i])).sum();
-            f[7] = twice / (length(now) + length(rest)).max(f32::MIN_POSITIVE);
-        }
-        true => {
-            f[8..11].copy_from_slice(&now);
-            f[11] = length(now);
-            f[12] = 1.0;
-        }
-    }
+    f[..3].copy_from_slice(&rest);
+    f[3] = length(rest);
+    f[4..7].copy_from_slice(&added);
+    // The difference of two lengths, without the loss of its digits.
+    let twice: f32 = (0..3).map(|i| added[i] * (now[i] + rest[i])).sum();
+    f[7] = twice / (length(now) + length(rest)).max(f32::MIN_POSITIVE);
+    f
+}
+
+/// Features of a world edge for the displacement of all local nodes.
+fn world_features(edge: &MeshEdge, displacement: &[f32]) -> [f32; N_FEATURES] {
+    let added = added(edge.sender, edge.receiver, displacement);
+    let now: Vector32 = std::array::from_fn(|i| edge.rest[i] as f32 + added[i]);
+    let mut f = [0.0; N_FEATURES];
+    f[8..11].copy_from_slice(&now);
+    f[11] = length(now);
+    f[12] = 1.0;
     f
 }
 
@@ -149,8 +160,19 @@ pub fn has_feature(features: &[f32], number: usize) -> bool {
     }
 }
 
+/// Adds the derivatives by the features of a graph's edges, times `scale`, to those by the displacement of its nodes.
+pub(in crate::body) fn by_ends(graph: &Graph, d_features: &[f32], scale: f32, d_displacement: &mut [f32]) {
+    let rows = graph.edge_features.chunks_exact(N_FEATURES).zip(d_features.chunks_exact(N_FEATURES));
+    for ((x, d), (&s, &r)) in rows.zip(graph.senders.iter().zip(&graph.receivers)) {
+        for (i, by) in features_backward(x, d).into_iter().enumerate() {
+            d_displacement[3 * s as usize + i] += scale * by;
+            d_displacement[3 * r as usize + i] -= scale * by;
+        }
+    }
+}
+
 /// From the derivative by an edge's features to that by the sender's displacement; the derivative by the receiver's is the opposite.
-pub fn features_backward(features: &[f32], d: &[f32]) -> Vector32 {
+fn features_backward(features: &[f32], d: &[f32]) -> Vector32 {
     let (now, first): (Vector32, usize) = match features[N_FEATURES - 1] != 0.0 {
         false => (std::array::from_fn(|i| features[i] + features[4 + i]), 4),
         true => (std::array::from_fn(|i| features[8 + i]), 8),
@@ -174,14 +196,15 @@ mod tests {
     use m4gn_mesh::NodeType;
     use m4gn_mesh::parallel::Comm;
     use m4gn_samples::bodies as sample;
+    use m4gn_structure::Structure;
 
     /// A cube of one brick, an octahedron whose lowest corner is 0.5 above a corner of its top.
-    fn cube() -> (Body, Graph, usize) {
+    fn cube() -> (Body, Structure, usize) {
         let body = sample::block([1, 1, 1], [1.0; 3]);
         let obstacle = sample::octahedron([1.0, 1.0, 2.0], 0.5);
         let (body, graph) = seen_within(0.6, &BodyPart::whole(&body, Some(&obstacle)).unwrap());
         let mesh = body.edges.len();
-        (body, graph, mesh)
+        (body, Structure::of_graphs(graph, Vec::new()), mesh)
     }
 
     fn seen_within(radius: f64, part: &BodyPart) -> (Body, Graph) {
@@ -190,7 +213,8 @@ mod tests {
 
     #[test]
     fn world_edges_come_and_go() {
-        let (contact, mut graph, mesh) = cube();
+        let (contact, mut structure, mesh) = cube();
+        let graph = &structure.graph;
         // 12 edges of the cube and 12 of the octahedron, both ways.
         assert_eq!(mesh, 48);
         let comm = Comm::serial();
@@ -210,7 +234,8 @@ mod tests {
         let mut u = vec![0.0; 3 * 14];
         (8..14).for_each(|node| u[3 * node + 2] = 0.2);
         u[3] = 0.1;
-        contact.set_edges(&comm, &mut u, &mut graph).unwrap();
+        contact.set_edges(&comm, &mut u, &mut structure).unwrap();
+        let graph = &structure.graph;
         assert_eq!(graph.senders.len(), mesh);
         let from = |s: i32, r: i32| {
             let e = (0..mesh).find(|&e| (graph.senders[e], graph.receivers[e]) == (s, r));
@@ -219,9 +244,9 @@ mod tests {
         let mut expected = [0.0; N_FEATURES];
         expected[..8].copy_from_slice(&[1.0, 0.0, 0.0, 1.0, 0.1, 0.0, 0.0, 0.1]);
         assert!(from(1, 0).iter().zip(expected).all(|(a, b): (&f32, f32)| (a - b).abs() < 1e-6));
-        assert!(contact.set_edges(&comm, &mut u[3..], &mut graph).is_err());
+        assert!(contact.set_edges(&comm, &mut u[3..], &mut structure).is_err());
         u[0] = f32::NAN;
-        assert!(contact.set_edges(&comm, &mut u, &mut graph).unwrap_err().to_string().contains("node 0"));
+        assert!(contact.set_edges(&comm, &mut u, &mut structure).unwrap_err().to_string().contains("node 0"));
     }
 
     /// Two cubes of one brick, 0.4 apart: each free corner of the one sees the corner of the other across the gap, both ways.
@@ -253,12 +278,12 @@ mod tests {
 
     #[test]
     fn held_points_are_not_touched() {
-        let (contact, mut graph, mesh) = cube();
+        let (contact, mut structure, mesh) = cube();
         // The obstacle above the held corner (0, 1, 1).
         let mut u = vec![0.0; 3 * 14];
         (8..14).for_each(|node| u[3 * node] = -1.0);
-        contact.set_edges(&Comm::serial(), &mut u, &mut graph).unwrap();
-        assert_eq!(graph.senders.len(), mesh);
+        contact.set_edges(&Comm::serial(), &mut u, &mut structure).unwrap();
+        assert_eq!(structure.graph.senders.len(), mesh);
     }
 
     #[test]
