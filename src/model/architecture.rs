@@ -252,13 +252,13 @@ pub struct ArchitectureKeys {
     /// As [`Architecture::activation`].
     pub activation: Activation,
     /// As [`MicroSpec::node_sums`].
-    #[serde(default, skip_serializing_if = "is_default")]
+    #[serde(default, skip_serializing_if = "crate::settings::is_default")]
     pub node_sums: NodeSums,
     /// As [`MicroSpec::world_edges`].
-    #[serde(default, skip_serializing_if = "is_default")]
+    #[serde(default, skip_serializing_if = "crate::settings::is_default")]
     pub world_edges: WorldEdges,
     /// As [`MicroSpec::node_rwse_steps`].
-    #[serde(default, skip_serializing_if = "is_default")]
+    #[serde(default, skip_serializing_if = "crate::settings::is_default")]
     pub node_rwse_steps: usize,
     /// Of a network without a macro stage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -275,10 +275,6 @@ pub struct ArchitectureKeys {
     /// As [`M4gn::segment_transformer`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub segment_transformer: Option<MacroSpec>,
-}
-
-fn is_default<T: Default + PartialEq>(value: &T) -> bool {
-    *value == T::default()
 }
 
 impl TryFrom<ArchitectureKeys> for Architecture {

@@ -147,16 +147,12 @@ pub struct SegmentSpec {
     /// Overlap delta of section 3.3.1, in layers of neighbours.
     pub overlap: usize,
     /// The way to the modes.
-    #[serde(skip_serializing_if = "is_default")]
+    #[serde(skip_serializing_if = "crate::settings::is_default")]
     pub modal_solver: ModalSolver,
 }
 
 /// The entry that says how the modes are computed, and nothing of what the segments are.
 const WAY: &str = "modal_solver";
-
-fn is_default<T: Default + PartialEq>(value: &T) -> bool {
-    *value == T::default()
-}
 
 /// Default of [`SegmentSpec::margin`].
 const MARGIN: f64 = 1e-5;

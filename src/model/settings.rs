@@ -13,6 +13,11 @@ use std::fmt::Write;
 /// Most letters that a misspelt name is away from the one that is suggested.
 const SLIP: usize = 2;
 
+/// Whether an entry says what holds without it, and need not be written.
+pub fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
 /// Settings from a JSON object. Within the entries `free`, names are the user's own and stay as they are.
 ///
 /// # Errors

@@ -30,8 +30,11 @@ pub fn node_walk(mesh: &Mesh, steps: usize, comm: &Comm) -> Result<Vec<f32>> {
 
 /// The same of `n` nodes with an edge for each pair `[n x steps]`.
 pub fn walk_of_pairs(n: usize, pairs: &[[i32; 2]], steps: usize) -> Vec<f32> {
+    if steps == 0 {
+        return Vec::new();
+    }
     let both = of_cells(&CellGraph::new(n, pairs), &vec![0; n], steps);
-    both.chunks_exact((2 * steps).max(1)).flat_map(|rows| rows[..steps].iter().copied()).collect()
+    both.chunks_exact(2 * steps).flat_map(|rows| rows[..steps].iter().copied()).collect()
 }
 
 /// Rows of the cells, each followed by that of any of its boundary faces `[n x 2 x steps]`; cell i has `faces[i]` of them, which have

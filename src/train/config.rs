@@ -55,13 +55,13 @@ pub struct ModelConfig {
     /// Activation of the multi-layer perceptrons.
     pub activation: Activation,
     /// Which latents of its edges a node sums: `after` or `before` the layer.
-    #[serde(default, skip_serializing_if = "is_default")]
+    #[serde(default, skip_serializing_if = "m4gn_model::settings::is_default")]
     pub node_sums: NodeSums,
     /// Whether world edges have an encoder and sums of their own: `together` or `apart`.
-    #[serde(default, skip_serializing_if = "is_default")]
+    #[serde(default, skip_serializing_if = "m4gn_model::settings::is_default")]
     pub world_edges: WorldEdges,
     /// Random-walk steps of the nodes' positional encoding; 0: none.
-    #[serde(default, skip_serializing_if = "is_default")]
+    #[serde(default, skip_serializing_if = "m4gn_model::settings::is_default")]
     pub node_rwse_steps: usize,
     /// Layers of a network without a macro stage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -267,10 +267,6 @@ impl Config {
         }
         Ok(())
     }
-}
-
-fn is_default<T: Default + PartialEq>(value: &T) -> bool {
-    *value == T::default()
 }
 
 fn fault(message: &str) -> Error {

@@ -80,3 +80,35 @@ pub fn strain_backward(levels: &[Level], d_features: &[Vec<f32>], d_displacement
         level.up.add(0..finer.len() / 3, 3, &coarse[0], finer);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body::part::BodyPart;
+    use m4gn_samples::bodies as sample;
+
+    /// Means keep what is linear: a stretch and a shear of body and obstacle are those of all edges, on every graph.
+    #[test]
+    fn an_even_deformation_is_that_of_every_coarser_edge() {
+        let (body, obstacle) =
+            (sample::block([4, 2, 2], [2.0, 1.0, 1.0]), sample::octahedron([1.0, 0.5, 1.8], 0.5));
+        let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
+        let (own, graph) = Body::new(&part, &sample::spec(0.6), &Comm::serial()).unwrap();
+        let mut levels = own.coarser(&part.mesh, &graph, 2, &Comm::serial()).unwrap();
+        let deform = |x: [f32; 3]| [0.1 * x[0] + 0.05 * x[2], -0.2 * x[1], 0.02 * x[0]];
+        let places = body.positions.iter().chain(&obstacle.positions);
+        let displacement: Vec<f32> = places.flat_map(|x| deform(x.map(|v| v as f32))).collect();
+        assert_eq!(displacement.len(), 3 * graph.n_local);
+        strain(&Comm::serial(), &displacement, &mut levels);
+        for level in &levels {
+            let rows = level.graph.edge_features.as_chunks::<N_FEATURES>().0;
+            assert!(rows.len() > 8, "{}", rows.len());
+            for row in rows {
+                let added = deform([row[0], row[1], row[2]]);
+                let off = (0..3).map(|i| (row[4 + i] - added[i]).abs()).fold(0.0, f32::max);
+                assert!(off < 1e-6, "{row:?}");
+                assert_eq!(row[8..], [0.0; 5]);
+            }
+        }
+    }
+}
