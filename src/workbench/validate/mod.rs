@@ -93,6 +93,8 @@ pub struct Case {
     pub data_gap: Vec<f64>,
     /// Processor time of the solver that made the data, s a frame, where it was recorded.
     pub solver: Option<f64>,
+    /// Segment of each node, of the last of the model's rollouts; empty for networks without segments.
+    pub node_segment: Vec<i32>,
     /// In which respects mesh and recorded states lie outside of what the model was trained on, for people.
     pub outside: Vec<String>,
 }
@@ -121,6 +123,7 @@ impl Case {
             predictions,
             data_gap: scene.data_gap()?,
             solver: seconds_a_frame(trajectory),
+            node_segment: Vec::new(),
             outside: Vec::new(),
         })
     }
@@ -202,15 +205,22 @@ pub fn run(
 ) -> Result<Case> {
     let pace = fits(model, trajectory)?;
     let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
-    let (mut predictions, mut outside) = (Vec::new(), Vec::new());
+    let (mut predictions, mut outside, mut node_segment) = (Vec::new(), Vec::new(), Vec::new());
     for way in ways {
         let options = SessionOptions { projection: way.projection, ..options.clone() };
         let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, &options)?;
+        node_segment = session.cell_segment().to_vec();
+        let seen = if keep == Keep::Nothing && !node_segment.is_empty() { Keep::Shown } else { keep };
         let mut step = stepper(&mut session, trajectory, &mut outside);
-        predictions.push(scene.predict((way.key, way.name), keep, &mut step, progress)?);
+        let mut prediction = scene.predict((way.key, way.name), seen, &mut step, progress)?;
+        prediction.over_segments = scene.over_segments(&prediction.kept, &node_segment);
+        if keep == Keep::Nothing {
+            prediction.kept.clear();
+        }
+        predictions.push(prediction);
     }
     let case = Case::of(trajectory, &scene, &model.spec.fields, horizon, predictions)?;
-    Ok(Case { outside, ..case })
+    Ok(Case { node_segment, outside, ..case })
 }
 
 /// Steps of a session on a trajectory; `outside`: in which respects the states that they start from lie outside of what the model was

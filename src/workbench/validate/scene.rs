@@ -11,6 +11,7 @@ use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{FieldSpec, Output};
 use m4gn_step::{Field, FieldMut};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 /// What a step is given beside the fields.
@@ -153,6 +154,29 @@ impl<'a> Scene<'a> {
             true => SquaredError::of_solved(&found, &truth, self.mesh.dim()),
             false => SquaredError::between(&found, &truth),
         }
+    }
+
+    /// RMSE of the headline field in `kept` states, by the step that they are behind, over the nodes of each segment (the data of the
+    /// paper's Figure 6); of the states that pictures show.
+    pub(super) fn over_segments(
+        &self,
+        kept: &BTreeMap<usize, Vec<f64>>,
+        node_segment: &[i32],
+    ) -> BTreeMap<usize, Vec<f64>> {
+        let Some(last) = node_segment.iter().max() else { return BTreeMap::new() };
+        let of_step = |(&step, found): (&usize, &Vec<f64>)| {
+            let mut sums = vec![SquaredError::default(); *last as usize + 1];
+            let width = self.width(0);
+            let rows = found.chunks_exact(width).zip(self.truth(0, step).chunks_exact(width));
+            for (&segment, (found, truth)) in node_segment.iter().zip(rows) {
+                sums[segment as usize].add(match width {
+                    3 => SquaredError::of_solved(found, truth, self.mesh.dim()),
+                    _ => SquaredError::between(found, truth),
+                });
+            }
+            (step, sums.iter().map(SquaredError::rmse).collect())
+        };
+        kept.iter().filter(|(step, _)| Keep::Shown.takes(**step, self.pace.steps)).map(of_step).collect()
     }
 
     /// Values a row of predicted field `k`.

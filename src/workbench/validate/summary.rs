@@ -343,7 +343,15 @@ pub fn json(cases: &[Case]) -> Value {
             "diverged": c.diverged(),
             "outside": c.outside,
         });
+        if !c.node_segment.is_empty() {
+            case["node_segment"] = json!(c.node_segment);
+        }
         add_rows(&mut case, &c.rows(), &c.fields);
+        for p in c.predictions.iter().filter(|p| !p.over_segments.is_empty()) {
+            let rows =
+                p.over_segments.iter().map(|(step, rmse)| json!({ "time": c.times[step - 1], "rmse": rmse }));
+            case[p.key]["over_segments"] = rows.collect();
+        }
         case
     };
     figures["cases"] = cases.iter().map(one).collect();

@@ -46,6 +46,7 @@ fn case(split: Split, pace: Pace, single: f64, rollout: &[f64], hold: &[f64]) ->
         ],
         data_gap: Vec::new(),
         solver: None,
+        node_segment: Vec::new(),
         outside: Vec::new(),
     }
 }
@@ -216,6 +217,22 @@ fn a_shift_on_paper() {
     assert!(figures["cases"][0]["hold_first"]["mc"].is_number());
 }
 
+/// Every other point is a segment's, whose points are 1e-4 m too far in y.
+#[test]
+fn errors_of_segments_on_paper() {
+    let t = Trajectory::open(FILE).unwrap();
+    let fields = m4gn_samples::model::bodies().fields;
+    let pace = Pace::new(t.times(), 0.01).unwrap();
+    let scene = Scene::read(&t, &fields, pace).unwrap();
+    let mut found = scene.truth(0, pace.steps).to_vec();
+    found.chunks_exact_mut(3).skip(1).step_by(2).for_each(|u| u[1] += 1e-4);
+    let labels: Vec<i32> = (0..found.len() as i32 / 3).map(|p| p % 2).collect();
+    let over = scene.over_segments(&[(pace.steps, found)].into(), &labels);
+    let rmse = &over[&pace.steps];
+    assert_eq!((over.len(), rmse.len(), rmse[0]), (1, 2, 0.0));
+    assert!((rmse[1] - (1e-8f64 / 3.0).sqrt()).abs() < 1e-12, "{rmse:?}");
+}
+
 #[test]
 fn a_prediction_that_blows_up_has_no_figures() {
     let mut calls = 0;
@@ -313,6 +330,11 @@ fn a_session_projects_and_lifts_the_gap() {
     let [model, hold] = [0, 5].map(|i| figures(&case, i)[2]);
     assert!((model / hold - 1.0).abs() < 1e-3, "{model} {hold}");
     assert_eq!(calls, 2 * Way::steps(case.pace));
+    let figures = json(std::slice::from_ref(&case));
+    let rows = figures.pointer("/cases/0/projected/over_segments").and_then(Value::as_array).unwrap();
+    assert_eq!(rows.len(), case.kept().unwrap().kept.len());
+    let count = 1 + case.node_segment.iter().max().copied().unwrap() as usize;
+    assert_eq!(rows[0]["rmse"].as_array().unwrap().len(), count);
     // The rollout that projects is the one that is shown
     assert_eq!(case.kept().unwrap().key, "projected");
     assert!(case.diverged().is_none());
