@@ -84,6 +84,38 @@ fn data_sets_go_in_and_out() {
     }
 }
 
+/// DeepMind's plates: the record's body deforms, and what a network of bodies says of it is a trajectory as well.
+#[test]
+fn bodies_go_in_and_out_and_are_predicted() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let (plate, put) =
+        (records::plate(), |name: &str, bytes: &[u8]| std::fs::write(at.join(name), bytes).unwrap());
+    put("meta.json", records::meta_of(&plate, 0.0).to_string().as_bytes());
+    put("test.tfrecord", &records::record(&records::example_of(&plate)));
+    m4gn(at, "convert test.tfrecord --out a.h5 --dt 0.01 --poisson 0.3");
+    assert!(m4gn(at, "info a.h5").contains("obstacle"));
+    let mut spec = m4gn_samples::model::bodies();
+    (spec.stride, spec.architecture.kind) = (0.01, Kind::BsmsGnn { levels: 1 });
+    Model::random(spec, 3).unwrap().write(at.join("m.safetensors")).unwrap();
+    m4gn(at, "predict --model m.safetensors --data a.h5 --out p.h5");
+    let [truth, found] = ["a.h5", "p.h5"].map(|f| Trajectory::open(at.join(f)).unwrap());
+    assert_eq!(
+        (found.body(), found.obstacle(), found.times()),
+        (truth.body(), truth.obstacle(), truth.times())
+    );
+    assert_eq!(found.read_motion(0, 1, 3).unwrap(), truth.read_motion(0, 1, 3).unwrap());
+    m4gn(at, "convert p.h5 --out p.npz");
+    m4gn(at, "convert p.npz --out back.h5 --poisson 0.3");
+    assert_eq!(Trajectory::open(at.join("back.h5")).unwrap().mesh(), found.mesh());
+    m4gn(at, "convert a.h5 --out a.pvd");
+    assert!(std::fs::read_to_string(at.join("a_0002.vtu")).unwrap().contains("NumberOfCells=\"2\""));
+    let message = refused(at, "convert test.tfrecord --out b.h5");
+    assert!(message.contains("give a positive one with --dt"), "{message}");
+    let message = refused(at, "convert test.tfrecord --out b.h5 --dt 0.01 --poisson 0.5");
+    assert!(message.contains("nu 0.5"), "{message}");
+}
+
 #[test]
 fn weights_go_out_and_in() {
     let folder = folder();

@@ -10,7 +10,7 @@ use std::sync::atomic::Ordering;
 /// Convert data sets and weights of others to m4gn's, and m4gn's to files of others
 ///
 /// Into m4gn's: DeepMind's MeshGraphNets data (*.tfrecord with meta.json beside it), NumPy archives (*.npz), HDF5 copies (*.h5) and
-/// series of ParaView (*.pvd, or the first *.vtu) of such flows on triangles, to OUT.h5 or into the folder OUT. Out of m4gn's: a trajectory, or a folder of them, to *.npz or to a series
+/// series of ParaView (*.pvd, or the first *.vtu) of such flows on triangles and, but for the series, of bodies of tetrahedra that an obstacle touches, to OUT.h5 or into the folder OUT. Out of m4gn's: a trajectory, or a folder of them, to *.npz or to a series
 /// for ParaView (*.pvd). What is what is told by the names and the files.
 ///
 /// Weights: a PyTorch state dict (*.safetensors, *.pt, *.pth) with the names of PhysicsNeMo's MeshGraphNet or of m4gn's models becomes a
@@ -31,6 +31,9 @@ pub struct Args {
     /// Time between frames, s, of files that do not say it
     #[arg(long, value_name = "S")]
     dt: Option<f64>,
+    /// Of bodies, whose material the file does not say: Poisson's ratio
+    #[arg(long, value_name = "NU", default_value_t = import::POISSON)]
+    poisson: f64,
     /// Most trajectories that are read
     #[arg(long, value_name = "N")]
     count: Option<usize>,
@@ -124,7 +127,8 @@ fn weights(args: &Args) -> Result<()> {
 /// Files of others to trajectories.
 fn into(args: &Args) -> Result<()> {
     let stop = super::stop_flag()?;
-    let options = import::Options { split: args.split, dt: args.dt, count: args.count };
+    let options =
+        import::Options { split: args.split, dt: args.dt, poisson: Some(args.poisson), count: args.count };
     let mut done = |file: &Path, kept: bool| {
         println!("{} {}", if kept { "kept " } else { "wrote" }, file.display());
         match stop.load(Ordering::Relaxed) {

@@ -1,6 +1,6 @@
 //! Trajectories of m4gn as files that other programs read.
 
-use super::{npz, points};
+use super::{bodies, npz, points};
 use m4gn_data::Trajectory;
 use m4gn_mesh::vector::moved;
 use m4gn_mesh::{Error, Result};
@@ -8,13 +8,17 @@ use m4gn_report::vtu::pvd;
 use m4gn_report::{Grid, write_file};
 use std::path::Path;
 
-/// Writes the arrays of [`points::arrays`] as a NumPy archive.
+/// Writes the arrays of [`bodies::arrays`] or [`points::arrays`] as a NumPy archive.
 ///
 /// # Errors
 /// When a frame cannot be read, or the file cannot be written.
 pub fn to_npz(trajectory: &Trajectory, path: &Path) -> Result<()> {
-    let whole = ["cells", "node_type", "boundary_owner", "boundary_type"];
-    npz::write(path, &points::arrays(trajectory)?, &whole)
+    let whole = ["cells", "node_type", "boundary_owner", "boundary_type", "obstacle_triangles"];
+    let arrays = match bodies::arrays(trajectory)? {
+        Some(arrays) => arrays,
+        None => points::arrays(trajectory)?,
+    };
+    npz::write(path, &arrays, &whole)
 }
 
 /// Writes a series for ParaView: `NAME.pvd`, and beside it `NAME_0000.vtu` and so on, a frame each with all fields at the nodes (and, of triangles, their `node_type`): over the

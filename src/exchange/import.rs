@@ -1,5 +1,6 @@
 //! A file of others into trajectories of m4gn.
 
+use super::bodies::Bodies;
 use super::copies::Copies;
 use super::points::Points;
 use super::tfrecord::TfRecord;
@@ -8,6 +9,9 @@ use m4gn_data::Split;
 use m4gn_mesh::{Error, Result};
 use std::path::{Path, PathBuf};
 
+/// Poisson's ratio of bodies whose material is not known.
+pub const POISSON: f64 = 0.4;
+
 /// How a file is imported.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
@@ -15,6 +19,8 @@ pub struct Options {
     pub split: Option<Split>,
     /// Time between frames, s, where the file does not say it.
     pub dt: Option<f64>,
+    /// Poisson's ratio of bodies; none: [`POISSON`].
+    pub poisson: Option<f64>,
     /// Most trajectories that are read.
     pub count: Option<usize>,
 }
@@ -89,14 +95,23 @@ pub fn import(
         let file: PathBuf = if single { out.into() } else { out.join(format!("{name}-{count:05}.h5")) };
         let kept = !single && file.exists();
         if !kept {
-            let points = Points::new(&arrays, options.dt, path);
-            let points = points.map_err(|e| match (e, single) {
+            let numbered = |e| match (e, single) {
                 (Error::File { path, message }, false) => {
                     Error::file(path, format!("trajectory {count}: {message}"))
                 }
                 (e, _) => e,
-            })?;
-            points.write(&file, split, &from)?;
+            };
+            match Bodies::are(&arrays) {
+                true => {
+                    let poisson = options.poisson.unwrap_or(POISSON);
+                    let bodies = Bodies::new(&arrays, options.dt, poisson, path).map_err(numbered)?;
+                    bodies.write(&file, split, &from)?;
+                }
+                false => {
+                    let points = Points::new(&arrays, options.dt, path).map_err(numbered)?;
+                    points.write(&file, split, &from)?;
+                }
+            }
         }
         done(&file, kept)?;
         count += 1;

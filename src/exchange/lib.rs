@@ -1,10 +1,11 @@
 //! Data sets of others as m4gn's, and back.
 //!
 //! A trajectory is [`Arrays`] by name on the way: from DeepMind's TFRecords ([`tfrecord`]), NumPy's archives ([`npz`]), HDF5 copies
-//! ([`copies`]) or ParaView's series ([`vtu`]). [`points`] makes a mesh and fields of them. Whatever is in a file, the answer is values or an error that names the file
+//! ([`copies`]) or ParaView's series ([`vtu`]). [`points`] makes a mesh and fields of them, [`bodies`] a body and an obstacle. Whatever is in a file, the answer is values or an error that names the file
 //! and the record, byte, array or key, and memory is bounded by the size of the file.
 
 mod array;
+pub mod bodies;
 pub mod copies;
 pub mod export;
 pub mod import;
@@ -24,4 +25,5 @@ mod series;
 mod tests;
 
 pub use array::{Array, Arrays, Dtype};
+pub use bodies::Bodies;
 pub use points::Points;

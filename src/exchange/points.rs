@@ -51,40 +51,22 @@ impl Points {
     /// [`Error::File`] naming the array of `path` that is missing or does not fit.
     pub fn new(arrays: &Arrays, dt: Option<f64>, path: &Path) -> Result<Self> {
         let wrong = |what: String| Error::file(path, what);
-        let get = |names: &[&'static str]| {
-            let found = names.iter().find_map(|name| Some((*name, arrays.get(*name)?)));
-            found.ok_or_else(|| {
-                let there: Vec<&str> = arrays.keys().map(String::as_str).collect();
-                wrong(format!("no array {}; found {}", names.join(" or "), there.join(", ")))
-            })
-        };
-        let (name, places) = get(&["mesh_pos", "pos"])?;
-        if places.shape.last() == Some(&3) {
-            return Err(wrong(format!(
-                "{name} has three components: a body; what is imported are flows on triangles"
-            )));
-        }
+        let (name, places) = named(arrays, &["mesh_pos", "pos"], path)?;
         let places = places.fixed(name, 2, path)?;
         if let Some(i) = places.iter().position(|v| !v.is_finite()) {
             return Err(wrong(format!("{name}: value {i} is {}, expected a finite number", places[i])));
         }
         let positions: Vec<Vector> = places.as_chunks().0.iter().map(|[x, y]| [*x, *y, 0.0]).collect();
         let n = positions.len();
-        let (name, cells) = get(&["cells", "faces"])?;
+        let (name, cells) = named(arrays, &["cells", "faces"], path)?;
         let triangles = cells.labels(name, 3, n, path)?.as_chunks().0.to_vec();
-        let (name, kinds) = get(&["node_type"])?;
+        let (name, kinds) = named(arrays, &["node_type"], path)?;
         let kinds = kinds.labels(name, 1, 10, path)?;
         if kinds.len() != n {
             return Err(wrong(format!("{name} has {} points, expected {n}", kinds.len())));
         }
         let (mesh, boundary) = mesh(&positions, &triangles, &kinds).map_err(|e| wrong(e.to_string()))?;
-        let number = |name: &str| arrays.get(name).and_then(|a| a.data.first()).copied();
-        let dt = number("dt").or(dt).filter(|dt| dt.is_finite() && *dt > 0.0).ok_or_else(|| {
-            wrong("it does not say the time between frames (dt, s): give a positive one with --dt".into())
-        })?;
-        // 0.01 in single precision is meant as 0.01.
-        let short = Some(dt as f32).filter(|short| f64::from(*short) == dt);
-        let dt = short.and_then(|short| short.to_string().parse().ok()).unwrap_or(dt);
+        let dt = interval(arrays, dt, path)?;
         let mut points = Points { mesh, triangles, fields: Vec::new(), dt, boundary };
         for (name, array) in arrays {
             let values = match array.shape[..] {
@@ -153,6 +135,31 @@ impl Points {
         }
         writer.finish()
     }
+}
+
+/// The first of these arrays that is there, with its name.
+pub(super) fn named<'a>(
+    arrays: &'a Arrays,
+    names: &[&'static str],
+    path: &Path,
+) -> Result<(&'static str, &'a Array)> {
+    let found = names.iter().find_map(|name| Some((*name, arrays.get(*name)?)));
+    found.ok_or_else(|| {
+        let there: Vec<&str> = arrays.keys().map(String::as_str).collect();
+        Error::file(path, format!("no array {}; found {}", names.join(" or "), there.join(", ")))
+    })
+}
+
+/// Time between frames, s: what the arrays say, else `dt`. That of a quasi-static data set is 0.
+pub(super) fn interval(arrays: &Arrays, dt: Option<f64>, path: &Path) -> Result<f64> {
+    let positive = |dt: &f64| dt.is_finite() && *dt > 0.0;
+    let said = arrays.get("dt").and_then(|a| a.data.first()).copied();
+    let dt = said.filter(positive).or(dt).filter(positive).ok_or_else(|| {
+        Error::file(path, "it does not say the time between frames (dt, s): give a positive one with --dt")
+    })?;
+    // 0.01 in single precision is meant as 0.01.
+    let short = Some(dt as f32).filter(|short| f64::from(*short) == dt);
+    Ok(short.and_then(|short| short.to_string().parse().ok()).unwrap_or(dt))
 }
 
 /// The lumped mesh, and the point of each of its boundary faces.

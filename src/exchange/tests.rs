@@ -20,7 +20,11 @@ fn file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
 }
 
 fn square() -> Arrays {
-    records::square().into_iter().map(|(name, shape, data)| (name.into(), Array { shape, data })).collect()
+    by_name(records::square())
+}
+
+fn by_name(arrays: Vec<(&str, Vec<usize>, Vec<f64>)>) -> Arrays {
+    arrays.into_iter().map(|(name, shape, data)| (name.into(), Array { shape, data })).collect()
 }
 
 fn imported(path: &Path, options: &Options) -> Result<Trajectory> {
@@ -274,7 +278,7 @@ fn errors_name_record_byte_and_key() {
 fn arrays_that_make_no_trajectory_are_named() {
     let dt = Options { dt: Some(0.5), ..Options::default() };
     type Change = fn(&mut Arrays);
-    let changes: [(&str, Change); 8] = [
+    let changes: [(&str, Change); 7] = [
         ("no array node_type; found cells, mesh_pos", |a| drop(a.remove("node_type"))),
         ("cells: value 2 is 9, expected a whole number from 0 to below 5", |a| {
             a.get_mut("cells").unwrap().data[2] = 9.0
@@ -283,7 +287,6 @@ fn arrays_that_make_no_trajectory_are_named() {
         ("mesh_pos has shape [1, 2, 5]", |a| a.get_mut("mesh_pos").unwrap().shape = vec![1, 2, 5]),
         ("node_type of point 0 is 3", |a| a.get_mut("node_type").unwrap().data[0] = 3.0),
         ("pressure: frame 1 holds NaN", |a| a.get_mut("pressure").unwrap().data[5] = f64::NAN),
-        ("three components: a body", |a| a.get_mut("mesh_pos").unwrap().shape = vec![1, 5, 3]),
         ("no array has a row for each of the 5 points", |a| a.retain(|_, a| a.shape[0] == 1)),
     ];
     for (expected, change) in changes {
@@ -291,6 +294,82 @@ fn arrays_that_make_no_trajectory_are_named() {
         change(&mut arrays);
         let message = super::Points::new(&arrays, dt.dt, Path::new("a")).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
+    }
+}
+
+/// What comes of the plate's arrays.
+fn check_plate(t: &Trajectory) {
+    let body = t.body().unwrap();
+    let (held, free) = (NodeType::Handle, NodeType::Body);
+    assert_eq!(body.types, [held, held, held, free, free]);
+    // The second tetrahedron is turned.
+    assert_eq!(body.elements.points, [0, 1, 2, 3, 1, 2, 3, 4]);
+    assert!(body.elements.measures(&body.positions).iter().all(|v| *v > 0.1));
+    assert!(body.material.iter().all(|m| m.poisson == 0.3));
+    let obstacle = t.obstacle().unwrap();
+    assert_eq!((obstacle.positions.len(), obstacle.triangles.len()), (4, 4));
+    assert_eq!(t.times(), [0.0, 0.01, 0.02]);
+    let d = t.read_frame("D", 2).unwrap().cells;
+    assert_eq!(d, [[0.0; 3], [0.0; 3], [0.0; 3], [0.0, 0.0, -0.25], [0.0, 0.0, -0.25]].concat());
+    assert_eq!(t.read_motion(2, 1, 1).unwrap()[0], [[1.0, 0.0, -0.5]; 4]);
+    assert_eq!(t.read_frame("sigmaEq", 1).unwrap().cells, [9.0, 10.0, 11.0, 12.0, 13.0]);
+}
+
+#[test]
+fn a_plate_under_an_obstacle_there_and_back() {
+    let plate = records::plate();
+    let (_folder, path) = file("valid.tfrecord", &records::record(&records::example_of(&plate)));
+    std::fs::write(path.with_file_name("meta.json"), records::meta_of(&plate, 0.0).to_string()).unwrap();
+    let options = Options { dt: Some(0.01), poisson: Some(0.3), ..Options::default() };
+    let t = imported(&path, &options).unwrap();
+    check_plate(&t);
+    assert_eq!(t.split(), Split::Valid);
+    // A quasi-static set says 0.
+    assert!(imported(&path, &Options::default()).unwrap_err().to_string().contains("--dt"));
+    let archive = path.with_file_name("a.npz");
+    let t = imported(&path, &options).unwrap();
+    super::export::to_npz(&t, &archive).unwrap();
+    let back = imported(&archive, &options).unwrap();
+    check_plate(&back);
+    assert_eq!((t.mesh(), t.fields()), (back.mesh(), back.fields()));
+    for name in ["mesh_pos", "node_type", "stress", "world_pos"] {
+        let expected = &by_name(plate.clone())[name];
+        assert_eq!(npz::read(&archive).unwrap()[name].data, expected.data, "{name}");
+    }
+}
+
+#[test]
+fn arrays_that_make_no_body_are_named() {
+    type Change = fn(&mut Arrays);
+    let changes: [(&str, Change); 11] = [
+        ("cell 2 of the points [5, 6, 7, 3] is of both", |a| a.get_mut("cells").unwrap().data[11] = 3.0),
+        ("cell 0 of the points [0, 1, 2, 2] has the volume 0", |a| a.get_mut("cells").unwrap().data[3] = 2.0),
+        ("cells: value 3 is 9, expected a whole number", |a| a.get_mut("cells").unwrap().data[3] = 9.0),
+        ("node_type of point 4 is 4, expected 0 (normal)", |a| a.get_mut("node_type").unwrap().data[4] = 4.0),
+        ("without cells or obstacle_triangles", |a| {
+            let cells = a.get_mut("cells").unwrap();
+            (cells.shape, cells.data) = (vec![1, 2, 4], cells.data[..8].to_vec());
+        }),
+        ("point 4 belongs to no cell", |a| {
+            let cells = a.get_mut("cells").unwrap();
+            cells.data[4..8].copy_from_slice(&[0.0, 1.0, 2.0, 3.0]);
+        }),
+        ("no handle", |a| a.get_mut("node_type").unwrap().data[..3].fill(0.0)),
+        ("no array world_pos", |a| drop(a.remove("world_pos"))),
+        ("world_pos: frame 2 holds inf", |a| a.get_mut("world_pos").unwrap().data[80] = f64::INFINITY),
+        ("world_pos: frame 2: the distance between points", |a| {
+            a.get_mut("world_pos").unwrap().data[80] += 0.5
+        }),
+        ("stress has 2 components, expected 1 or 3", |a| {
+            let stress = a.get_mut("stress").unwrap();
+            (stress.shape, stress.data) = (vec![3, 9, 2], vec![0.0; 54]);
+        }),
+    ];
+    for (expected, change) in changes {
+        let mut arrays = by_name(records::plate());
+        change(&mut arrays);
+        let message = super::Bodies::new(&arrays, Some(0.01), 0.3, Path::new("a")).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}\n{expected}");
     }
 }
 

@@ -40,8 +40,12 @@ fn target(name: &'static str, file: &str, damage: impl Fn(&mut Random, &Path) ->
 
 #[test]
 fn tfrecord() {
-    target("tfrecord", "a.tfrecord", |r, _| {
-        let mut example = records::example();
+    target("tfrecord", "a.tfrecord", |r, path| {
+        let bodies = r.below(2) == 0;
+        let arrays = if bodies { records::plate() } else { records::square() };
+        let meta = records::meta_of(&arrays, if bodies { 0.0 } else { 0.5 });
+        std::fs::write(path.with_file_name("meta.json"), meta.to_string()).unwrap();
+        let mut example = records::example_of(&arrays);
         // Behind a checksum that is right, or in the file.
         match r.below(3) {
             0 => {
@@ -72,12 +76,16 @@ fn damaged(r: &mut Random, mut files: Vec<(String, Vec<u8>)>) -> Vec<u8> {
 #[test]
 fn npz() {
     let folder = tempfile::tempdir().unwrap();
-    let good = folder.path().join("good.npz");
-    let square = records::square().into_iter();
-    let arrays = square.map(|(name, shape, data)| (name.to_string(), Array { shape, data })).collect();
-    npz::write(&good, &arrays, &["cells", "node_type"]).unwrap();
-    let good = npz::entries(&good, |_| true).unwrap();
-    target("npz", "a.npz", |r, _| damaged(r, good.clone()));
+    let file = folder.path().join("good.npz");
+    let good = [records::square(), records::plate()].map(|arrays| {
+        let arrays = arrays.into_iter().map(|(name, shape, data)| (name.to_string(), Array { shape, data }));
+        npz::write(&file, &arrays.collect(), &["cells", "node_type"]).unwrap();
+        npz::entries(&file, |_| true).unwrap()
+    });
+    target("npz", "a.npz", |r, _| {
+        let which = r.below(2);
+        damaged(r, good[which].clone())
+    });
 }
 
 #[test]

@@ -17,6 +17,35 @@ pub fn square() -> Vec<(&'static str, Vec<usize>, Vec<f64>)> {
     ]
 }
 
+/// A body of two tetrahedra on three held points, and one tetrahedron above that comes down, in three frames.
+pub fn plate() -> Vec<(&'static str, Vec<usize>, Vec<f64>)> {
+    let rest = [
+        [0., 0., 0.],
+        [1., 0., 0.],
+        [0., 1., 0.],
+        [0.25, 0.25, 1.],
+        [1., 1., 1.],
+        [0., 0., 2.],
+        [1., 0., 2.],
+        [0., 1., 2.],
+        [0., 0., 3.],
+    ];
+    let at = |frame: usize, p: usize| match p {
+        0..3 => rest[p],
+        3 | 4 => [rest[p][0], rest[p][1], rest[p][2] - 0.125 * frame as f64],
+        _ => [rest[p][0] + 0.5 * frame as f64, rest[p][1], rest[p][2] - 0.25 * frame as f64],
+    };
+    let world = (0..3).flat_map(|frame| (0..9).flat_map(move |p| at(frame, p)));
+    vec![
+        // The second one is turned inside out.
+        ("cells", vec![1, 3, 4], vec![0., 1., 2., 3., 1., 3., 2., 4., 5., 6., 7., 8.]),
+        ("mesh_pos", vec![1, 9, 3], rest.concat()),
+        ("node_type", vec![1, 9, 1], vec![3., 3., 3., 0., 0., 1., 1., 1., 1.]),
+        ("stress", vec![3, 9, 1], (0..27).map(|i| if i % 9 < 5 { f64::from(i) } else { 0.0 }).collect()),
+        ("world_pos", vec![3, 9, 3], world.collect()),
+    ]
+}
+
 pub fn is_whole(name: &str) -> bool {
     ["cells", "node_type"].contains(&name)
 }
@@ -30,16 +59,21 @@ fn raw(name: &str, values: &[f64]) -> Vec<u8> {
 
 /// `meta.json` of [`square`].
 pub fn meta() -> Value {
+    meta_of(&square(), 0.5)
+}
+
+/// `meta.json` of arrays.
+pub fn meta_of(arrays: &[(&str, Vec<usize>, Vec<f64>)], dt: f64) -> Value {
     let mut features = json!({});
-    for (name, shape, _) in square() {
+    for (name, shape, _) in arrays {
         let dynamic = shape[0] > 1;
-        features[name] = json!({
+        features[*name] = json!({
             "type": if dynamic { "dynamic" } else { "static" },
             "shape": [shape[0], -1, shape[2]],
             "dtype": if is_whole(name) { "int32" } else { "float32" },
         });
     }
-    json!({ "simulator": "comsol", "dt": 0.5, "collision_radius": null, "trajectory_length": 3, "features": features })
+    json!({ "simulator": "comsol", "dt": dt, "collision_radius": null, "trajectory_length": 3, "features": features })
 }
 
 /// A field of protobuf that has a length.
@@ -55,11 +89,16 @@ fn field(number: u8, bytes: &[u8]) -> Vec<u8> {
 
 /// A `tf.train.Example` of [`square`].
 pub fn example() -> Vec<u8> {
-    let entry = |(name, _, values): (&str, Vec<usize>, Vec<f64>)| {
-        let list = field(1, &raw(name, &values));
+    example_of(&square())
+}
+
+/// A `tf.train.Example` of arrays.
+pub fn example_of(arrays: &[(&str, Vec<usize>, Vec<f64>)]) -> Vec<u8> {
+    let entry = |(name, _, values): &(&str, Vec<usize>, Vec<f64>)| {
+        let list = field(1, &raw(name, values));
         field(1, &[field(1, name.as_bytes()), field(2, &field(1, &list))].concat())
     };
-    field(1, &square().into_iter().flat_map(entry).collect::<Vec<u8>>())
+    field(1, &arrays.iter().flat_map(entry).collect::<Vec<u8>>())
 }
 
 /// A record around these bytes.
