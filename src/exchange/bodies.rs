@@ -221,6 +221,9 @@ fn cut(cells: &[[i32; 4]], kinds: &[i32], rest: &[Vector]) -> std::result::Resul
                 "cell {i} of the points {cell:?} is of both the body and the obstacle (node_type 1)"
             ));
         }
+        if let Some(k) = (1..4).find(|&k| cell[..k].contains(&cell[k])) {
+            return Err(format!("cell {i} of the points {cell:?} has the point {} twice", cell[k]));
+        }
         let volume = ElementKind::Tetrahedron.measure(&cell.map(|p| rest[p as usize]));
         if !(volume != 0.0 && volume.is_finite()) {
             return Err(format!("cell {i} of the points {cell:?} has the volume {volume} m^3"));

@@ -341,9 +341,14 @@ fn a_plate_under_an_obstacle_there_and_back() {
 #[test]
 fn arrays_that_make_no_body_are_named() {
     type Change = fn(&mut Arrays);
-    let changes: [(&str, Change); 11] = [
+    let changes: [(&str, Change); 12] = [
         ("cell 2 of the points [5, 6, 7, 3] is of both", |a| a.get_mut("cells").unwrap().data[11] = 3.0),
-        ("cell 0 of the points [0, 1, 2, 2] has the volume 0", |a| a.get_mut("cells").unwrap().data[3] = 2.0),
+        ("cell 0 of the points [0, 1, 2, 2] has the point 2 twice", |a| {
+            a.get_mut("cells").unwrap().data[3] = 2.0
+        }),
+        ("cell 0 of the points [0, 1, 2, 3] has the volume 0", |a| {
+            a.get_mut("mesh_pos").unwrap().data[11] = 0.0
+        }),
         ("cells: value 3 is 9, expected a whole number", |a| a.get_mut("cells").unwrap().data[3] = 9.0),
         ("node_type of point 4 is 4, expected 0 (normal)", |a| a.get_mut("node_type").unwrap().data[4] = 4.0),
         ("without cells or obstacle_triangles", |a| {
