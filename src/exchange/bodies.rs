@@ -94,13 +94,10 @@ impl Bodies {
             ));
         }
         let (of_obstacle, triangles) = renumbered(&surface, n);
-        let mut place = vec![0i32; n];
-        of_body.iter().zip(0..).for_each(|(&p, own)| place[p] = own);
-        let (used, _) = renumbered(&elements, n);
+        let (used, elements) = renumbered(&elements, n);
         if let Some(p) = of_body.iter().find(|p| used.binary_search(p).is_err()) {
             return Err(wrong(format!("point {p} belongs to no cell")));
         }
-        let elements = elements.iter().map(|&p| place[p as usize]).collect();
         let elements = Elements::of_kind(ElementKind::Tetrahedron, elements);
         let types =
             of_body.iter().map(|&p| if kinds[p] == HANDLE { NodeType::Handle } else { NodeType::Body });
@@ -118,10 +115,13 @@ impl Bodies {
             triangles: triangles.as_chunks::<3>().0.to_vec(),
         });
         obstacle.iter().try_for_each(|o| o.check(&body)).map_err(|e| wrong(e.to_string()))?;
-        let world = frames(arrays, "world_pos", n, path)?;
-        if world.shape[2] != 3 {
-            return Err(wrong(format!("world_pos has {} components, expected 3", world.shape[2])));
-        }
+        let world = frames(arrays, "world_pos", n, path)?.filter(|world| world.shape[2] == 3);
+        let world = world.ok_or_else(|| {
+            let found = arrays.get("world_pos").map_or("none".into(), |a| format!("{:?}", a.shape));
+            wrong(format!(
+                "world_pos: expected an array [frames, {n}, 3] of two frames or more, found {found}"
+            ))
+        })?;
         let dt = interval(arrays, dt, path)?;
         let mut bodies = Bodies { body, obstacle, fields: Vec::new(), world, rest, of_body, of_obstacle, dt };
         for frame in 0..bodies.world.shape[0] {
@@ -129,22 +129,29 @@ impl Bodies {
             let rigid = bodies.obstacle.as_ref().map_or(Ok(()), |o| o.check_motion(&motion));
             rigid.map_err(|e| wrong(format!("world_pos: frame {frame}: {e}")))?;
         }
+        bodies.fields = bodies.others(arrays, path)?;
+        Ok(bodies)
+    }
+
+    /// The fields beside the displacement.
+    fn others(&self, arrays: &Arrays, path: &Path) -> Result<Vec<(FieldMeta, Array)>> {
+        let wrong = |what: String| Err(Error::file(path, what));
+        let (mut fields, expected) = (Vec::new(), self.world.shape[0]);
         for name in arrays.keys().filter(|name| !STRUCTURE.contains(&&name[..])) {
-            let Ok(array) = frames(arrays, name, n, path) else { continue };
+            let Some(array) = frames(arrays, name, self.rest.len(), path)? else { continue };
             let meta = match (&name[..], array.shape[2]) {
                 ("stress", 1) => {
                     FieldMeta { name: "sigmaEq".into(), vector: false, dimensions: [1, -1, -2, 0, 0, 0, 0] }
                 }
                 (_, c @ (1 | 3)) => FieldMeta { name: name.clone(), vector: c == 3, dimensions: [0; 7] },
-                (_, c) => return Err(wrong(format!("{name} has {c} components, expected 1 or 3"))),
+                (_, c) => return wrong(format!("{name} has {c} components, expected 1 or 3")),
             };
-            let expected = bodies.world.shape[0];
             if array.shape[0] != expected {
-                return Err(wrong(format!("{name} has {} frames, world_pos {expected}", array.shape[0])));
+                return wrong(format!("{name} has {} frames, world_pos {expected}", array.shape[0]));
             }
-            bodies.fields.push((meta, array));
+            fields.push((meta, array));
         }
-        Ok(bodies)
+        Ok(fields)
     }
 
     /// Displacement of points in a frame, m.
@@ -191,24 +198,18 @@ impl Bodies {
     }
 }
 
-/// An array with a row a point in each of two or more frames, as `[frames, points, components]`.
-fn frames(arrays: &Arrays, name: &str, n: usize, path: &Path) -> Result<Array> {
-    let wrong = |what: String| Err(Error::file(path, what));
-    let Some(array) = arrays.get(name) else { return wrong(format!("no array {name}")) };
+/// An array with a row a point in each of two or more frames, as `[frames, points, components]`; none of another shape.
+fn frames(arrays: &Arrays, name: &str, n: usize, path: &Path) -> Result<Option<Array>> {
+    let Some(array) = arrays.get(name) else { return Ok(None) };
     let c = match array.shape[..] {
         [frames, rows] if frames > 1 && rows == n => 1,
         [frames, rows, c] if frames > 1 && rows == n && c > 0 => c,
-        _ => {
-            let shape = &array.shape;
-            return wrong(format!(
-                "{name} has shape {shape:?}, expected [frames, {n}, components], two frames or more"
-            ));
-        }
+        _ => return Ok(None),
     };
     if let Some(i) = array.data.iter().position(|v| !(*v as f32).is_finite()) {
-        return wrong(format!("{name}: frame {} holds {}", i / (n * c), array.data[i]));
+        return Err(Error::file(path, format!("{name}: frame {} holds {}", i / (n * c), array.data[i])));
     }
-    Ok(Array { shape: vec![array.shape[0], n, c], data: array.data.clone() })
+    Ok(Some(Array { shape: vec![array.shape[0], n, c], data: array.data.clone() }))
 }
 
 /// Tetrahedra of the body and of the obstacle, the fourth point on the side to which the normal of the others leads.

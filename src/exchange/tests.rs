@@ -341,7 +341,7 @@ fn a_plate_under_an_obstacle_there_and_back() {
 #[test]
 fn arrays_that_make_no_body_are_named() {
     type Change = fn(&mut Arrays);
-    let changes: [(&str, Change); 12] = [
+    let changes: [(&str, Change); 13] = [
         ("cell 2 of the points [5, 6, 7, 3] is of both", |a| a.get_mut("cells").unwrap().data[11] = 3.0),
         ("cell 0 of the points [0, 1, 2, 2] has the point 2 twice", |a| {
             a.get_mut("cells").unwrap().data[3] = 2.0
@@ -360,7 +360,10 @@ fn arrays_that_make_no_body_are_named() {
             cells.data[4..8].copy_from_slice(&[0.0, 1.0, 2.0, 3.0]);
         }),
         ("no handle", |a| a.get_mut("node_type").unwrap().data[..3].fill(0.0)),
-        ("no array world_pos", |a| drop(a.remove("world_pos"))),
+        ("world_pos: expected an array [frames, 9, 3] of two frames or more, found none", |a| {
+            drop(a.remove("world_pos"))
+        }),
+        ("stress: frame 0 holds NaN", |a| a.get_mut("stress").unwrap().data[5] = f64::NAN),
         ("world_pos: frame 2 holds inf", |a| a.get_mut("world_pos").unwrap().data[80] = f64::INFINITY),
         ("world_pos: frame 2: the distance between points", |a| {
             a.get_mut("world_pos").unwrap().data[80] += 0.5
