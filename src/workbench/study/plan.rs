@@ -189,6 +189,16 @@ impl Plan {
         pairs.flat_map(|(d, n)| self.seeds.iter().map(move |&seed| (d, n, seed))).collect()
     }
 
+    /// The kind of a network on a data set; none where its configuration cannot be read.
+    pub fn kind(&self, data: &str, network: &str) -> Option<String> {
+        let data = self.data.iter().find(|d| d.name == data)?;
+        let network = self.network.iter().find(|n| n.name == network)?;
+        let config: Table = self.config(data, network).ok()?.parse().ok()?;
+        let said = config.get("model").and_then(|m| m.get("kind")).and_then(Value::as_str);
+        let unsaid = if config.contains_key("macro") { "m4gn" } else { "mesh-graph-net" };
+        Some(said.unwrap_or(unsaid).to_string())
+    }
+
     /// The configuration of a network on a data set: the data set's file, what it sets, and what the network sets. The budget is the study's, and
     /// the learning rate reaches its end with it.
     ///
@@ -309,6 +319,8 @@ data = ["flow"]
         let whole: Table = plan.config(cells[2].0, cells[2].1).unwrap().parse().unwrap();
         let expected = "[model]\nstride = 0.1\nwidth = 8\nkind = \"m4gn\"\n[training]\nsteps = 100\ndecay_start = 0\ndecay_steps = 100\nbatch_size = 2\n";
         assert_eq!(whole, expected.parse::<Table>().unwrap());
+        let kinds = ["M4GN", "no segments", "GCN"].map(|network| plan.kind("flow", network));
+        assert_eq!(kinds, [Some("m4gn".into()), Some("m4gn".into()), None]);
     }
 
     #[test]
