@@ -24,17 +24,15 @@ impl Body {
         for (row, u) in inputs.chunks_exact_mut(width).zip(displacement.as_chunks::<3>().0) {
             row[..fields].copy_from_slice(&u[..fields]);
         }
-        let mut rows: Vec<&mut [f32]> =
-            inputs.chunks_exact_mut(width).map(|row| &mut row[fields..]).collect();
-        let n = self.n_points();
         let of_obstacle = |rows: &[f32]| -> Vec<[f32; 3]> {
             let rows = rows.as_chunks::<3>().0;
             self.obstacle_nodes().iter().map(|&node| rows[node as usize]).collect()
         };
         let (now, after) = (&of_obstacle(displacement)[..], &of_obstacle(next)[..]);
         // Only the first rank has rows of the obstacle.
-        for (row, (now, after)) in rows[n..].iter_mut().zip(now.iter().zip(after)) {
-            (0..3).for_each(|i| row[i] = after[i] - now[i]);
+        let rows = inputs.chunks_exact_mut(width).skip(self.n_points());
+        for (row, (now, after)) in rows.zip(now.iter().zip(after)) {
+            (0..3).for_each(|i| row[fields + i] = after[i] - now[i]);
         }
         let surfaces = [self.surface(now), self.surface(after)];
         let parts = self.skin_surfaces(displacement);
@@ -44,7 +42,7 @@ impl Body {
         for &p in self.skin() {
             let u = &displacement[3 * p as usize..][..3];
             let x: Vector = std::array::from_fn(|i| self.rest()[p as usize][i] + f64::from(u[i]));
-            let row = &mut *rows[p as usize];
+            let row = &mut inputs[p as usize * width + fields..][..N_CONTACT_INPUTS];
             let own = self.part_of(p as usize);
             let others = parts.iter().enumerate().filter(|(part, _)| *part != own);
             let other = nearest(others.map(|(_, skin)| self.nearness(skin, x)));

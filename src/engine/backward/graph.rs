@@ -46,7 +46,12 @@ pub struct Coarser {
 
 impl Coarser {
     fn with_features(&self, level: &Level) -> Self {
-        Coarser { edge_features: level.graph.edge_features.clone(), ..self.clone() }
+        Coarser {
+            order: self.order.clone(),
+            edge_features: level.graph.edge_features.clone(),
+            down: self.down.clone(),
+            up: self.up.clone(),
+        }
     }
 }
 

@@ -27,18 +27,13 @@ impl Cell {
         let [steps, seconds] = ["steps", "seconds"].map(|key| self.training[key].as_f64().unwrap_or(0.0));
         let mut text = format!("{steps} updates in {} s", number(seconds, 3));
         for (test, count, figures) in &self.tests {
-            let of = |(key, name)| Some(format!("{name} {}", number(model(figures)[key].as_f64()?, 3)));
+            let of = |(key, name)| Some(format!("{name} {}", number(figures["model"][key].as_f64()?, 3)));
             let all: Vec<String> = HORIZONS.into_iter().filter_map(of).collect();
             let more = count.map_or(String::new(), |n| format!(" with {n} segments"));
             text += &format!("; {test}{more}: {}", all.join(", "));
         }
         text
     }
-}
-
-/// The model's row.
-fn model(figures: &Value) -> &Value {
-    &figures["model"]
 }
 
 /// RMSE-all of the trajectories: in the middle, and the largest.
@@ -163,7 +158,7 @@ fn section(plan: &Plan, data: &str, test: &str, cells: &[&Cell]) -> (Section, Va
     let figures =
         |c: &Cell, n: Option<usize>| c.tests.iter().find(|t| t.0 == test && t.1 == n).map(|t| t.2.clone());
     let first = cells.iter().find_map(|c| figures(c, None)).unwrap_or_default();
-    let has = |key: &str| cells.iter().filter_map(|c| figures(c, None)).any(|f| model(&f)[key].is_number());
+    let has = |key: &str| cells.iter().filter_map(|c| figures(c, None)).any(|f| f["model"][key].is_number());
     let shapes: Vec<(&str, &str)> = SHAPES.into_iter().filter(|(key, _)| has(key)).collect();
     let columns: Vec<(&str, &str)> = HORIZONS.into_iter().chain(TRAJECTORIES).chain(shapes).collect();
     let unit = first["unit"].as_str().unwrap_or_default();
@@ -194,7 +189,7 @@ fn section(plan: &Plan, data: &str, test: &str, cells: &[&Cell]) -> (Section, Va
             let weights = own[0].0.training["weights"].as_u64().unwrap_or(0);
             let mean = |s: Option<Spread>| s.map_or(String::new(), |s| number(s.mean, 3));
             let mut row = vec![name.clone(), weights.to_string(), mean(training("seconds", 60.0))];
-            row.push(mean(spread(&|(_, f)| model(f)["ms_per_step"].as_f64())));
+            row.push(mean(spread(&|(_, f)| f["model"]["ms_per_step"].as_f64())));
             row.extend(scores.iter().map(|s| told(*s)));
             table.row(row);
             let pairs =
@@ -217,14 +212,15 @@ fn section(plan: &Plan, data: &str, test: &str, cells: &[&Cell]) -> (Section, Va
     }
     let of = plan.margin_of.as_ref().unwrap_or(&plan.network[0].name);
     // Over the best of the others, with its name, by RMSE-all and by its median over the trajectories: of another kind, where there is one.
-    let kind = |name: &str| plan.kind(data, name);
-    let alike = |name: &str| kind(name).is_some() && kind(name) == kind(of);
-    let variants = rows.iter().all(|r| alike(r.0));
+    let kind = plan.kind(data, of);
+    let alike: Vec<bool> = rows.iter().map(|r| kind.is_some() && plan.kind(data, r.0) == kind).collect();
+    let variants = !alike.contains(&false);
     let [margin, by_median] = [0, 1].map(|i: usize| {
-        let scored = || rows.iter().filter(|r| r.1.is_none()).filter_map(|r| Some((r.0, r.2[i]?.mean)));
-        let own = scored().find(|(name, _)| name == of)?.1;
-        let others = scored().filter(|(name, _)| name != of && (variants || !alike(name)));
-        let (name, other) = others.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let trained = || rows.iter().zip(&alike).filter(|(r, _)| r.1.is_none());
+        let scored = || trained().filter_map(|(r, alike)| Some((r.0, r.2[i]?.mean, *alike)));
+        let own = scored().find(|(name, ..)| name == of)?.1;
+        let others = scored().filter(|(name, _, alike)| name != of && (variants || !alike));
+        let (name, other, _) = others.min_by(|a, b| a.1.total_cmp(&b.1))?;
         let margin = 1.0 - own / other;
         margin.is_finite().then_some((margin, name))
     });
@@ -259,7 +255,7 @@ fn over_diameter<'a>(figures: impl Iterator<Item = &'a Value>) -> Value {
     for case in figures.filter_map(|f| f["cases"].as_array()).flatten() {
         let key =
             (case["diameter"].as_u64().unwrap_or(0), case["path"].as_str().unwrap_or_default().to_string());
-        cases.entry(key).or_default().push(model(case)["rmse_all"].as_f64().unwrap_or(f64::INFINITY));
+        cases.entry(key).or_default().push(case["model"]["rmse_all"].as_f64().unwrap_or(f64::INFINITY));
     }
     let mean = |all: &[f64]| all.iter().sum::<f64>() / all.len() as f64;
     let row = |((diameter, path), all): (&(u64, String), &Vec<f64>)| json!({ "diameter": diameter, "path": path, "rmse_all": mean(all) });
