@@ -326,8 +326,7 @@ int32_t m4gn_session_outside(
  *     m4gn_ride_advanced    STRIDE or HAND_BACK        saves the state where it writes its own; on M4GN_RIDE_HAND_BACK leaves the
  *                                                      fields as its solver needs them, and calls m4gn_ride_handed_back
  *
- * A call that is not due is M4GN_ERROR_INPUT. Figures of the host are the same on all ranks but for `wall`. examples/hybrid_host is
- * such a host. */
+ * A call that is not due is M4GN_ERROR_INPUT. Figures of the host are the same on all ranks. examples/hybrid_host is such a host. */
 typedef struct m4gn_ride m4gn_ride;
 
 enum
@@ -346,7 +345,6 @@ typedef struct m4gn_ride_step
     double delta_t;  /* of the solver, s; not read within a jump */
     double end_time; /* of the run, s; HUGE_VAL: none */
     double shown;    /* the time as tables have it */
-    double wall;     /* wall time of the run so far, s; 0: not known */
     int64_t
         index; /* number of the solver's time step, in which a stride counts as the steps that it stands for */
     const char* name;        /* of the time, in messages; NULL: its value */
@@ -416,7 +414,7 @@ typedef struct m4gn_ride_surrogates
 {
     m4gn_session*
         session; /* "network": its model. It must live as long as the ride, and the host may go on using it between calls */
-    const m4gn_surrogate* own; /* or one of the host's own in its place, without adapt */
+    const m4gn_surrogate* own; /* or one of the host's own in its place */
     const m4gn_ride_array*
         arrays; /* "linear": the state that is fitted (higher-order dynamic mode decomposition) */
     int32_t n_arrays;
@@ -443,8 +441,6 @@ typedef struct m4gn_ride_surrogates
  *   linear          {}          how the linear surrogate is fitted, see below
  *   quantities      []          mode replace: results of other parts of the run, and how far off they may be at the end of a jump:
  *                               [{"object": "forces", "result": "Cd", "tolerance": 0.01}] (docs/control.md)
- *   adapt           null        the model learns the case (docs/adaptation.md): {"mode": "before"}; start: time of the first frame, s
- *                               (a third of the time before time_start); writeModel: path of the adapted model, false
  *   write_precision 6           significant digits of tables and messages
  *   model           ""          where the model is from, in messages and tables
  *   host            ""          any text that the host keeps in the state for itself, of the first rank (m4gn_ride_host)

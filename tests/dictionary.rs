@@ -7,8 +7,7 @@ use std::path::{Path, PathBuf};
 type Words = BTreeSet<String>;
 
 /// Where the settings are that dictionaries hand on to the core.
-const SETTINGS: [&str; 7] = [
-    "src/adapt/settings.rs",
+const SETTINGS: [&str; 6] = [
     "src/linear/choose.rs",
     "src/model/segmentation.rs",
     "src/ride/control.rs",

@@ -58,7 +58,6 @@ m4gn_ride_step Foam::m4gnRide::now(const label correctors) const
     step.delta_t = time.deltaTValue();
     step.end_time = time.endTime().value();
     step.shown = time.timeOutputValue();
-    step.wall = time.elapsedClockTime();
     step.index = time.timeIndex();
     step.name = timeName_.c_str();
     step.correctors = correctors;
@@ -106,11 +105,6 @@ Foam::m4gnRide::m4gnRide(
         }
     }
     own.set("writePrecision", dict.getOrDefault<label>("writePrecision", IOstream::defaultPrecision()));
-    if (own.subOrEmptyDict("adapt").getOrDefault<bool>("writeModel", false)) {
-        const fileName dir(m4gn::outputDir(name, mesh));
-        mkDir(dir);
-        own.subDict("adapt").set("writeModel", string(dir / "adapted.safetensors"));
-    }
 
     if (run) {
         dictionary linear(own.subOrEmptyDict("linear"));
@@ -156,17 +150,13 @@ bool Foam::m4gnRide::has(const dictionary& dict, const word& kind) { return kind
 
 Foam::wordList Foam::m4gnRide::keys()
 {
-    return {"mode",        "surrogates", "linear",  "solverSteps", "surrogateSteps", "rolloutSteps",
-            "writeErrors", "adapt",      "control", "quantities",  "writePrecision"};
+    return {"mode",         "surrogates",  "linear",  "solverSteps", "surrogateSteps",
+            "rolloutSteps", "writeErrors", "control", "quantities",  "writePrecision"};
 }
 
 void Foam::m4gnRide::checkDictionary(const dictionary& dict)
 {
     dictionary own(dict);
-    if (own.subOrEmptyDict("adapt").found("writeModel")) {
-        own.subDict("adapt").get<bool>("writeModel");
-        own.subDict("adapt").remove("writeModel");
-    }
     if (own.subOrEmptyDict("linear").found("keep")) {
         own.subDict("linear").get<bool>("keep");
         own.subDict("linear").remove("keep");

@@ -97,7 +97,7 @@ Foam::dictionary Foam::m4gnRide::storedTypes(const word& name, const Time& time)
 
 void Foam::m4gnRide::save()
 {
-    if (observes_ && !dict_.found("adapt")) {
+    if (observes_) {
         return;
     }
 

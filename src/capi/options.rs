@@ -3,9 +3,9 @@
 use super::modes::ModesOptions;
 use super::raw;
 use super::recorder::RecorderOptions;
-use super::ride;
 use super::segments::Request;
 use m4gn_mesh::{Error, Result};
+use m4gn_ride::RideSettings;
 use m4gn_step::SessionOptions;
 use std::ffi::c_char;
 
@@ -17,7 +17,7 @@ fn check(kind: &str, options: &str) -> Result<()> {
         "modes" => ModesOptions::parse(options).map(|_| ()),
         "solid_modes" => ModesOptions::of_body(options).map(|_| ()),
         "recorder" => RecorderOptions::parse(options).map(|_| ()),
-        "ride" => ride::settings(options).map(|_| ()),
+        "ride" => RideSettings::parse(options).map(|_| ()),
         _ => Err(Error::Input(format!(
             "kind of options '{kind}': expected session, segments, modes, solid_modes, recorder or ride"
         ))),
@@ -51,12 +51,6 @@ mod tests {
             ),
             ("modes", r#"{"block": 2}"#, r#"{"block": -1}"#, "block: expected a whole number"),
             ("solid_modes", r#"{"modes": 2}"#, r#"{"block": 2}"#, "block and shift are for matrices"),
-            (
-                "ride",
-                r#"{"mode": "observe", "adapt": {"mode": "off"}}"#,
-                r#"{"mode": "observe", "adapt": {"steps": 0}}"#,
-                "steps",
-            ),
             (
                 "ride",
                 r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4}"#,

@@ -6,7 +6,6 @@ use super::linear::{self, ArrayData};
 use super::own::{Own, SurrogateData};
 use super::raw::{self, FieldData, FieldOut, MeshData};
 use super::session::SessionHandle;
-use m4gn_adapt as adapt;
 use m4gn_linear::Field as Array;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Mesh, Result};
@@ -28,7 +27,6 @@ pub struct RideStep {
     pub delta_t: f64,
     pub end_time: f64,
     pub shown: f64,
-    pub wall: f64,
     pub index: i64,
     pub name: *const c_char,
     pub correctors: i32,
@@ -172,8 +170,6 @@ unsafe fn step(given: *const RideStep) -> Result<(Step, String)> {
         name: name.map_or_else(|| given.time.to_string(), String::from),
         shown: given.shown,
         correctors: correctors.map(|(made, most)| [made, most]),
-        // Each rank has a clock of its own.
-        wall: given.wall,
     };
     let same = format!("time {:?} {:?} {:?} {}", step.time, step.delta_t, step.end_time, step.index);
     Ok((step, same))
@@ -213,18 +209,6 @@ impl RideHandle {
     }
 }
 
-/// Settings of the ride, and of what its network learns.
-pub(super) fn settings(text: &str) -> Result<(RideSettings, Option<adapt::Settings>)> {
-    let settings = RideSettings::parse(text)?;
-    let entries = settings.adapt_entries()?;
-    // What is off is checked as well.
-    let learning = match settings.adapt {
-        Some(_) => Some(adapt::Settings::parse(&entries.learning)?),
-        None => None,
-    };
-    Ok((settings, learning.filter(|_| entries.wanted)))
-}
-
 /// `m4gn_ride_surrogates`
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
@@ -240,7 +224,6 @@ pub struct RideSurrogates {
 /// What a rank's host gives for a ride.
 struct Setup {
     settings: RideSettings,
-    learning: Option<adapt::Settings>,
     start: Step,
     /// None of a linear surrogate alone.
     mesh: Option<Mesh>,
@@ -263,7 +246,7 @@ impl Setup {
         let bad = |text: &str| Err(Error::Input(format!("surrogates: {text}")));
         // SAFETY: passed on to the caller.
         unsafe {
-            let (settings, learning) = settings(raw::options(options)?)?;
+            let settings = RideSettings::parse(raw::options(options)?)?;
             let (start, mut same) = step(start)?;
             let network = !given.session.is_null() || !given.own.is_null();
             match (settings.has(Kind::Network), network) {
@@ -294,9 +277,6 @@ impl Setup {
             let mut own = None;
             if let (false, Some(mesh)) = (given.own.is_null(), &mesh) {
                 let made = Own::new(given.own, comm.clone(), mesh.dim())?;
-                if learning.is_some() {
-                    return Err(Error::Input(format!("adapt: the surrogate {} does not learn", made.name())));
-                }
                 same += &format!("\n{}", made.shared());
                 own = Some(made);
             }
@@ -312,13 +292,11 @@ impl Setup {
             let alike = RideSettings {
                 host: String::new(),
                 setup_seconds: 0.0,
-                adapt: None,
                 model: if given.session.is_null() { settings.model.clone() } else { String::new() },
                 ..settings.clone()
             };
-            let learned = learning.clone().map(|learning| adapt::Settings { threads: None, ..learning });
-            same += &format!("\n{alike:?}\n{learned:?}");
-            Ok(Setup { settings, learning, start, mesh, own, arrays, same })
+            same += &format!("\n{alike:?}");
+            Ok(Setup { settings, start, mesh, own, arrays, same })
         }
     }
 }
@@ -350,21 +328,20 @@ unsafe fn new(
         Ok((setup, same))
     };
     door::together("m4gn_ride_new", &comm, read, |setup| {
-        let Setup { settings, mut learning, start, mesh, mut own, mut arrays, .. } = setup;
+        let Setup { settings, start, mesh, mut own, mut arrays, .. } = setup;
         let (mut lengths, mut inputs) = (Vec::new(), Vec::new());
         let mut rows = mesh.as_ref().map_or(0, |mesh| mesh.cell_global.len());
         let mut riding: Vec<Box<dyn Surrogate>> = Vec::new();
         for kind in &settings.surrogates {
             riding.push(match (kind, own.take(), &mesh) {
                 (Kind::Network, Some(own), _) => Box::new(own),
-                (Kind::Network, None, Some(mesh)) => {
+                (Kind::Network, None, Some(_)) => {
                     // SAFETY: passed on to the caller.
                     let model = unsafe { raw::reference("session", given.session.cast::<SessionHandle>())? }
                         .model
                         .clone();
-                    let learning = learning.take().map(|learning| (mesh.clone(), learning));
                     let network =
-                        Network::new(Borrowed(given.session.cast()), model, settings.model.clone(), learning);
+                        Network::new(Borrowed(given.session.cast()), &model, settings.model.clone());
                     Box::new(comm.agree(network)?)
                 }
                 (Kind::Network, None, None) => {

@@ -2,7 +2,7 @@
 
 use super::{FieldMeta, Frame, WriteOptions, Writer};
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::whole::{Place, whole_mesh};
+use m4gn_mesh::whole::whole_mesh;
 use m4gn_mesh::{Error, Mesh, Result};
 use std::path::Path;
 
@@ -56,7 +56,7 @@ impl Recorder {
         let cells = comm.gather(&mesh.cell_global);
         let numbers: Vec<i64> = mesh.boundary.iter().map(|f| f.global).collect();
         let boundary = comm.gather(&numbers);
-        let whole = whole_mesh(comm, mesh, Place::Root);
+        let whole = whole_mesh(comm, mesh);
         let root = match (cells, boundary, whole) {
             (Some(cells), Some(boundary), Some(whole)) => whole
                 .and_then(|whole| {

@@ -66,21 +66,6 @@ pub trait Host: Send {
         Err(Error::Input("the model is of fields at cells: it reads nothing of the stride before".into()))
     }
 
-    /// What the network lives on, cut by the segments of the host's nodes. `mesh` is the host's. Collective; all ranks fail together.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for labels that are no segments.
-    fn structure(
-        &self,
-        comm: &Comm,
-        mesh: &Mesh,
-        spec: &ModelSpec,
-        cut: (&SegmentSpec, &[i32]),
-    ) -> Result<Structure>;
-
-    /// The weights are others from now on.
-    fn weights_changed(&mut self) {}
-
     /// What the projection did in the last step; none without one.
     fn projection(&self) -> Option<&ProjectionReport> {
         None

@@ -17,7 +17,7 @@ pub use boundary::{Boundary, as_seen, faces_seen_as_their_cells, impose};
 pub use components::Components;
 pub use field::{Field, FieldMut, OutputShape, expect_shape};
 pub use host::{Host, HostOptions, Hosted, Predict, open};
-pub use kind::{Kind, Statistics, check_kind, moves, operator, shared, whole};
+pub use kind::{Kind, Statistics, check_kind, moves, operator, shared};
 
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Mesh, Result};
@@ -166,7 +166,7 @@ pub struct Place {
 
 impl Place {
     /// The domain of the model that `spec` describes on an undecomposed mesh, at a resolution (m) or a node a cell. `settings` say how
-    /// segments are cut, by those of the cells or points if `labels` give them.
+    /// segments are cut.
     ///
     /// # Errors
     /// [`Error::Mesh`](m4gn_mesh::Error::Mesh) for a mesh or a body that no graph can be made of; for segments that cannot be found.
@@ -175,12 +175,11 @@ impl Place {
         spec: &ModelSpec,
         settings: &SegmentSpec,
         resolution: Option<f64>,
-        labels: Option<&[i32]>,
         modes: &dyn ModalSource,
     ) -> Result<Self> {
         match Kind::of_model(spec) {
-            Kind::Body => body::place(mesh, spec, settings, labels, modes),
-            Kind::Cells => cells::place(mesh, spec, settings, resolution, labels, modes),
+            Kind::Body => body::place(mesh, spec, settings, modes),
+            Kind::Cells => cells::place(mesh, spec, settings, resolution, modes),
         }
     }
 }

@@ -75,8 +75,6 @@ impl Ride<'_> {
     pub(crate) fn next_jump(&mut self) -> Result<Option<Jump>> {
         let step = self.step.clone();
         self.totals.first_time.get_or_insert(step.time);
-        // The next jump is most likely by whom the last one was.
-        let stride = self.riders[self.totals.last].surrogate.stride();
         let measured = self.settings.control.is_none() || self.riders.iter().any(|r| r.fresh);
         if step.index - self.handed_back < self.schedule.solver_steps
             || !measured
@@ -89,9 +87,6 @@ impl Ride<'_> {
         let most = self.quantities.most(most);
         if most == 0 {
             return Ok(None);
-        }
-        if self.schedule.fits(&step, step.delta_t, stride, 1.0) {
-            self.learn(most)?;
         }
         let Some((surrogate, strides)) = self.choose(most) else {
             return Ok(None);

@@ -247,7 +247,7 @@ impl Control {
         if self.settings.on_failure == OnFailure::Stop && self.bad >= self.settings.patience {
             return Err(Error::Numerical(format!(
                 "the surrogate beside the solver was off by more than the tolerance {} allows, or by more than {} (relTol) of what the \
-                 solver changed, in {} strides in a row, the last one by {:.2e}: its model does not fit this case. Train or adapt it, \
+                 solver changed, in {} strides in a row, the last one by {:.2e}: its model does not fit this case. Train it for this case, \
                  raise the tolerance, or say onFailure solver",
                 self.settings.tolerance,
                 self.settings.rel_tol,

@@ -148,7 +148,6 @@ impl Ride<'_> {
         if jump.done > 0 || !jump.over {
             self.log_jump(&jump, quantities);
         }
-        self.frame(true, given)?;
         if self.is_controlled() {
             self.begin_shadows(true, given)?;
         }

@@ -2,7 +2,7 @@
 //!
 //! A host tells what happened (its solver has made a step, with its time and its fields; a stride was advanced; the state was handed back)
 //! and is told what to do next ([`Action`]). The ride knows no solver: it owns the schedule, the strides beside the solver and what
-//! is allowed by their errors ([`control`]), the watch over the solver's first steps after a jump, what surrogates learn, an observer's
+//! is allowed by their errors ([`control`]), the watch over the solver's first steps after a jump, an observer's
 //! rollouts, the state of a run that is carried on, and what is told of all that in tables, messages and a summary.
 
 mod arrays;
@@ -40,7 +40,7 @@ pub use network::Network;
 pub use quantities::QuantitySettings;
 pub use ride::{Action, Answer, Ride};
 pub use schedule::Step;
-pub use settings::{AdaptEntries, Kind, Mode, RideSettings};
+pub use settings::{Kind, Mode, RideSettings};
 pub use state::host_of;
-pub use surrogate::{Advanced, Lesson, Surrogate};
+pub use surrogate::{Advanced, Surrogate};
 pub use values::Given;

@@ -101,7 +101,6 @@ fn step(time: f64, index: i64, end: f64) -> Step {
         name: format!("{time:.3}"),
         shown: time,
         correctors: None,
-        wall: 0.0,
     }
 }
 

@@ -2,7 +2,6 @@
 
 use crate::jump::Jump;
 use crate::ride::Ride;
-use crate::surrogate::Lesson;
 use crate::tables::row;
 use crate::watch::Judgement;
 
@@ -53,15 +52,6 @@ impl Log {
 
     pub fn not_finite(&mut self, time: &str, bad: Option<String>) {
         self.warnings.extend(bad.map(|what| format!("At time {time}: {what}")));
-    }
-
-    pub fn lesson(&mut self, lesson: &Lesson, all: f64, wall: f64) {
-        self.text += &format!("m4gn: {}", lesson.note);
-        if lesson.steps > 0 && wall > 0.0 {
-            let percent = (100.0 * (all / wall).min(1.0) + 0.5) as i64;
-            self.text += &format!("; all adaptation so far is {percent} % of the run's wall time");
-        }
-        self.text += "\n\n";
     }
 }
 

@@ -7,7 +7,7 @@ use crate::observe::Observer;
 use crate::quantities::Quantities;
 use crate::rider::Rider;
 use crate::schedule::{Schedule, Step};
-use crate::settings::{AdaptEntries, Mode, RideSettings};
+use crate::settings::{Mode, RideSettings};
 use crate::surrogate::Surrogate;
 use crate::tables::Digits;
 use crate::totals::Totals;
@@ -77,7 +77,6 @@ pub(crate) enum Phase {
 pub struct Ride<'a> {
     pub(crate) comm: Comm,
     pub(crate) settings: RideSettings,
-    pub(crate) adapt: AdaptEntries,
     pub(crate) schedule: Schedule,
     pub(crate) riders: Vec<Rider<'a>>,
     /// Fields of the tables: those of all surrogates.
@@ -89,8 +88,6 @@ pub struct Ride<'a> {
     pub(crate) global: Vec<i64>,
     /// Rows of the undecomposed mesh.
     pub(crate) rows: usize,
-    /// Time from which the solver's steps are frames, s.
-    pub(crate) adapt_start: f64,
     /// Index of the time step at which the solver last took over.
     pub(crate) handed_back: i64,
     pub(crate) phase: Phase,
@@ -115,7 +112,6 @@ impl<'a> Ride<'a> {
         start: Step,
     ) -> Result<Self> {
         let digits = Digits(settings.write_precision);
-        let adapt = settings.adapt_entries()?;
         let observing = settings.mode == Mode::Observe;
         if surrogates.is_empty() || surrogates.len() > 1 && !observing && settings.control.is_none() {
             return Err(Error::Input(match surrogates.len() {
@@ -150,15 +146,12 @@ impl<'a> Ride<'a> {
             }
             riders.push(Rider::new(surrogate, &settings, &fields, &mut log)?);
         }
-        let first_time = settings.time_start.unwrap_or(start.time);
         let schedule = Schedule {
             start: settings.time_start.unwrap_or(f64::NEG_INFINITY),
             end: settings.time_end.unwrap_or(f64::INFINITY),
             solver_steps: settings.solver_steps.unwrap_or(1) as i64,
             surrogate_steps: settings.surrogate_steps.unwrap_or(1),
         };
-        let before = (first_time - start.time).max(0.0);
-        let adapt_start = adapt.start.unwrap_or(start.time + before / 3.0);
         Ok(Ride {
             comm,
             schedule,
@@ -169,13 +162,11 @@ impl<'a> Ride<'a> {
             totals: Totals::default(),
             global,
             rows: rows[0] as usize,
-            adapt_start,
             handed_back: start.index,
             phase: Phase::Solving,
             step: start,
             stepped: false,
             log,
-            adapt,
             settings,
         })
     }
@@ -273,7 +264,7 @@ impl<'a> Ride<'a> {
             solver_steps: 0,
             last_but_one: false,
             arrays: false,
-            fields: action == Action::Stride || action == Action::HandBack && self.wants_fields_after(),
+            fields: action == Action::Stride || action == Action::HandBack && self.is_controlled(),
             since: match self.totals.jumps {
                 0 => -1,
                 _ => self.step.index - self.handed_back,
@@ -283,30 +274,15 @@ impl<'a> Ride<'a> {
 
     fn wants_fields(&self) -> bool {
         let step = &self.step;
-        let frame = self.is_learning() && self.riders.iter().any(|r| r.surrogate.learns());
         let due = |r: &Rider| r.can_begin(step) || r.has_arrived(step) || r.surrogate.records(step);
         let due = self.riders.iter().any(due);
         let observed = self.settings.mode == Mode::Observe && self.is_on();
-        frame || due && (observed || self.is_controlled())
-    }
-
-    fn wants_fields_after(&self) -> bool {
-        self.is_learning() && self.riders.iter().any(|r| r.surrogate.learns()) || self.is_controlled()
+        due && (observed || self.is_controlled())
     }
 
     /// Whether the surrogates have their time.
     fn is_on(&self) -> bool {
         !self.schedule.is_over(&self.step) && self.schedule.has_begun(&self.step)
-    }
-
-    /// Whether the solver's steps are frames.
-    pub(crate) fn is_learning(&self) -> bool {
-        let can = |r: &Rider| r.surrogate.can_learn();
-        let begun = |r: &Rider| r.surrogate.has_begun();
-        self.adapt.wanted
-            && self.riders.iter().any(can)
-            && !self.schedule.is_over(&self.step)
-            && (self.riders.iter().any(begun) || self.step.time >= self.adapt_start - 0.5 * self.step.delta_t)
     }
 
     /// Whether strides are taken beside the solver for jumps.
@@ -332,13 +308,11 @@ impl<'a> Ride<'a> {
     /// Collective; all ranks fail together.
     ///
     /// # Errors
-    /// [`Error::Input`] for fields that do not fit; [`Error::Numerical`] where a surrogate stays bad and the settings say stop; what
-    /// learning may fail with.
+    /// [`Error::Input`] for fields that do not fit; [`Error::Numerical`] where a surrogate stays bad and the settings say stop.
     pub fn decide(&mut self, given: &Given) -> Result<Answer> {
         if self.phase != Phase::Deciding {
             return Err(self.out_of_turn("decide"));
         }
-        self.frame(false, given)?;
         let answer = self.decided(given);
         self.tell_measured();
         self.tell_waiting();
@@ -368,21 +342,10 @@ impl<'a> Ride<'a> {
         Ok(self.answer(Action::Solve))
     }
 
-    /// The present fields are a frame. Collective.
-    pub(crate) fn frame(&mut self, begins: bool, given: &Given) -> Result<()> {
-        if self.is_learning() {
-            for rider in self.riders.iter_mut().filter(|r| r.surrogate.learns()) {
-                rider.surrogate.frame(self.step.time, begins, given.fields)?;
-            }
-        }
-        Ok(())
-    }
-
     /// Mode observe. Collective.
     fn observe(&mut self, given: &Given) -> Result<()> {
         let digits = self.digits();
         if self.riders.iter().all(|r| r.observer.is_none()) {
-            self.learn(self.settings.rollout_steps)?;
             let several = self.riders.len() > 1;
             for (i, rider) in self.riders.iter_mut().enumerate() {
                 rider.observer = Some(Observer::new(rider, &self.settings, i == 0, several));
@@ -409,27 +372,6 @@ impl<'a> Ride<'a> {
             self.log.observed += &found.errors;
             self.log.segments += &found.segments;
             found.bad.into_iter().for_each(|bad| self.log.not_finite(&self.step.name, Some(bad)));
-        }
-        Ok(())
-    }
-
-    /// A round of learning for jumps of so many strides. Collective.
-    pub(crate) fn learn(&mut self, strides: usize) -> Result<()> {
-        if !self.is_learning() {
-            return Ok(());
-        }
-        for rider in &mut self.riders {
-            if !rider.surrogate.learns() {
-                continue;
-            }
-            let Some(lesson) = rider.surrogate.learn(strides)? else {
-                continue;
-            };
-            self.totals.learned(&lesson);
-            self.log.lesson(&lesson, self.totals.adapt_seconds, self.step.wall);
-            if let Some(path) = self.adapt.write_model.as_ref().filter(|_| lesson.used) {
-                rider.surrogate.write_model(path)?;
-            }
         }
         Ok(())
     }

@@ -6,8 +6,6 @@ use crate::quantities::QuantitySettings;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::settings;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
-use std::path::PathBuf;
 
 /// Strides of a rollout where nothing else is said.
 const ROLLOUT: usize = 50;
@@ -70,9 +68,6 @@ pub struct RideSettings {
     /// What other parts of the run report, and how far off it may be at the end of a jump (replace).
     #[serde(default)]
     pub quantities: Vec<QuantitySettings>,
-    /// How the surrogates learn from the solver's steps: their own settings, with `start` and `write_model`; none: they do not.
-    #[serde(default)]
-    pub adapt: Option<Value>,
     /// Significant digits of tables and messages.
     #[serde(default = "precision")]
     pub write_precision: usize,
@@ -109,28 +104,13 @@ fn precision() -> usize {
     PRECISION
 }
 
-/// The entries of `adapt` that are the ride's own.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct AdaptEntries {
-    /// Whether anything is to be learned.
-    pub wanted: bool,
-    /// Time from which steps of the solver are frames, s; none: a third of the time before `time_start`.
-    pub start: Option<f64>,
-    /// Where the adapted model goes; none: nowhere.
-    pub write_model: Option<PathBuf>,
-    /// The rest: settings of the learning, the text of a JSON object.
-    pub learning: String,
-    /// Whether there is learning after jumps too.
-    pub during: bool,
-}
-
 impl RideSettings {
     /// Parses and checks a JSON object.
     ///
     /// # Errors
     /// [`Error::Input`] naming the entry, what was found and what is expected.
     pub fn parse(text: &str) -> Result<Self> {
-        let mut read: Self = settings::parse("ride", text, &["adapt"])?;
+        let mut read: Self = settings::parse("ride", text, &[])?;
         if read.has(Kind::Linear) {
             let linear = read.linear.get_or_insert_default();
             // How far each goes it says itself, once it is measured beside the solver.
@@ -190,41 +170,7 @@ impl RideSettings {
         if self.mode == Mode::Observe && !self.quantities.is_empty() {
             return bad("quantities: they are held at the ends of jumps, and mode observe has none; expected mode replace".into());
         }
-        self.adapt_entries().map(|_| ())
-    }
-
-    /// What `adapt` says.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for entries of another kind than they should be.
-    pub fn adapt_entries(&self) -> Result<AdaptEntries> {
-        let bad = |what: &str| Err(Error::Input(format!("adapt: {what}")));
-        let Some(adapt) = &self.adapt else {
-            return Ok(AdaptEntries::default());
-        };
-        let Value::Object(mut entries) = adapt.clone() else {
-            return bad("expected an object with settings");
-        };
-        let start = match entries.remove("start") {
-            None => None,
-            Some(value) => match value.as_f64() {
-                Some(start) => Some(start),
-                None => return bad("start: expected a time"),
-            },
-        };
-        let write_model = match entries.remove("writeModel") {
-            None | Some(Value::Bool(false) | Value::Null) => None,
-            Some(Value::String(path)) => Some(PathBuf::from(path)),
-            Some(_) => return bad("writeModel: expected the path of a file, or false"),
-        };
-        let mode = entries.get("mode").and_then(Value::as_str).unwrap_or("before");
-        let (wanted, during) = (mode != "off", mode == "during");
-        if self.mode == Mode::Observe && during {
-            return bad(
-                "mode: found during, which adapts after jumps, and mode observe has none; expected before",
-            );
-        }
-        Ok(AdaptEntries { wanted, start, write_model, learning: Value::Object(entries).to_string(), during })
+        Ok(())
     }
 }
 
@@ -254,27 +200,9 @@ mod tests {
             ),
             (r#"{"mode": "observe", "control": {"tolerance": 0}}"#, "tolerance 0"),
             (r#"{"mode": "observe", "control": {}}"#, "tolerance"),
-            (r#"{"mode": "observe", "adapt": {"start": "now"}}"#, "start"),
-            (r#"{"mode": "observe", "adapt": {"writeModel": true}}"#, "writeModel"),
-            (r#"{"mode": "observe", "adapt": {"mode": "during"}}"#, "during"),
-            (r#"{"mode": "observe", "adapt": 3}"#, "an object"),
         ] {
             let error = RideSettings::parse(text).unwrap_err().to_string();
             assert!(error.contains(words), "{text}: {error}");
         }
-    }
-
-    #[test]
-    fn the_entries_of_adapt_are_told_apart() {
-        let of = |text: &str| RideSettings::parse(text).unwrap().adapt_entries().unwrap();
-        assert_eq!(of(r#"{"mode": "observe"}"#), AdaptEntries::default());
-        let entries = of(r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4,
-                "adapt": {"start": 2, "writeModel": "a.safetensors", "mode": "during", "maxFrames": 9}}"#);
-        assert!(entries.wanted && entries.during);
-        assert_eq!((entries.start, entries.write_model), (Some(2.0), Some("a.safetensors".into())));
-        assert_eq!(entries.learning, r#"{"maxFrames":9,"mode":"during"}"#);
-        assert!(!of(r#"{"mode": "observe", "adapt": {"mode": "off"}}"#).wanted);
-        let observed = of(r#"{"mode": "observe", "adapt": {"steps": 7}}"#);
-        assert_eq!(observed.learning, r#"{"steps":7}"#);
     }
 }

@@ -31,7 +31,6 @@ struct Description {
     since: i64,
     /// The solver's time step, s.
     delta_t: f64,
-    adapt_start: f64,
     watch: Watch,
     quantities: Quantities,
     totals: Totals,
@@ -51,7 +50,7 @@ struct Ridden {
     fresh: bool,
     control: Option<Controlled>,
     /// Number of the part that is its own state.
-    learned: Option<usize>,
+    state: Option<usize>,
     shadow: Option<Begun>,
 }
 
@@ -98,7 +97,7 @@ impl Ride<'_> {
                 parts.push(bytes);
                 parts.len() - 1
             };
-            let learned = self.comm.agree(surrogate.state())?.map(&mut keep);
+            let state = self.comm.agree(surrogate.state())?.map(&mut keep);
             let shadow = &rider.shadow;
             let begun = shadow.waiting.then(|| {
                 let both = shadow.start.iter().chain(&shadow.predicted);
@@ -121,7 +120,7 @@ impl Ride<'_> {
                     figures: rows.iter().map(|r| [r.error, r.change, r.variation].map(figure)).collect(),
                     bad,
                 }),
-                learned,
+                state,
                 shadow: begun,
             });
         }
@@ -137,7 +136,6 @@ impl Ride<'_> {
             jumper,
             since: self.step.index - self.handed_back,
             delta_t: self.step.delta_t,
-            adapt_start: self.adapt_start,
             watch: self.watch.clone(),
             quantities: self.quantities.clone(),
             totals: self.totals.clone(),
@@ -201,23 +199,14 @@ impl Ride<'_> {
         for ((rider, ridden), (shadow, control)) in
             self.riders.iter_mut().zip(&found.riders).zip(shadows.into_iter().zip(controls))
         {
-            let learns = rider.surrogate.can_learn();
-            if let Some(part) = ridden.learned.filter(|_| self.adapt.wanted || !learns) {
+            if let Some(part) = ridden.state {
                 // A rank may miss files of its own
                 self.comm.agree(rider.surrogate.restore(&parts[part]))?;
-            }
-            if ridden.learned.is_some() && learns && self.adapt.wanted {
-                self.log.text +=
-                    &format!("m4gn: the adaptation of the model is carried on from {}\n\n", path.display());
             }
             (rider.shadow, rider.fresh) = (shadow, ridden.fresh);
             if let (Some(control), Some((rows, bad))) = (&mut rider.control, control) {
                 control.restore(&rows, bad)?;
             }
-        }
-        if self.adapt.start.is_none() {
-            // Of the whole run, not of this part.
-            self.adapt_start = found.adapt_start;
         }
         (self.watch, self.totals, self.log.refused) = (found.watch, found.totals, found.refused);
         self.totals.by.resize(self.riders.len(), (0, 0.0));
@@ -302,7 +291,7 @@ impl Ride<'_> {
         let (mut shadows, mut controls) = (Vec::new(), Vec::new());
         for (rider, ridden) in self.riders.iter().zip(&found.riders) {
             let stride = rider.surrogate.advances();
-            if ridden.learned.is_some_and(|part| part >= parts.len()) {
+            if ridden.state.is_some_and(|part| part >= parts.len()) {
                 return Err(file("a part of it is missing".into()));
             }
             let control = ridden.control.as_ref().filter(|_| rider.control.is_some());

@@ -3,7 +3,6 @@
 use crate::schedule::Step;
 use m4gn_mesh::{Error, Result};
 use m4gn_step::{Field, FieldMut};
-use std::path::Path;
 
 /// A field that a surrogate advances.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -14,23 +13,6 @@ pub struct Advanced {
     pub components: usize,
     /// How many of them are solved: 1 of a scalar, the solved directions of a vector.
     pub solved: usize,
-}
-
-/// What came of a round of learning.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Lesson {
-    /// Whether the surrogate is another one now.
-    pub used: bool,
-    /// Optimisation steps.
-    pub steps: u64,
-    /// Wall time, s.
-    pub seconds: f64,
-    /// Error on frames that were held back over that of holding their first one: as it was.
-    pub before: f64,
-    /// As it is now.
-    pub after: f64,
-    /// All of this, or why nothing was done, for people.
-    pub note: String,
 }
 
 /// A surrogate on the host's mesh. All methods but the ones that only look are collective, and all ranks fail together.
@@ -135,40 +117,7 @@ pub trait Surrogate {
         (0, &[])
     }
 
-    /// Whether it learns from the solver's steps at all.
-    fn can_learn(&self) -> bool {
-        false
-    }
-
-    /// Whether it has begun to.
-    fn has_begun(&self) -> bool {
-        false
-    }
-
-    /// Whether more frames and rounds are of use.
-    fn learns(&self) -> bool {
-        self.can_learn()
-    }
-
-    /// Takes the fields after a step of the solver. `begins`: they do not follow from the last ones by a step of the solver.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for fields that do not fit, and times that do not increase.
-    fn frame(&mut self, time: f64, begins: bool, fields: &[Field]) -> Result<()> {
-        let _ = (time, begins, fields);
-        Ok(())
-    }
-
-    /// Learns from the frames, for jumps of so many strides; none where there was nothing to do.
-    ///
-    /// # Errors
-    /// What the learning may fail with.
-    fn learn(&mut self, strides: usize) -> Result<Option<Lesson>> {
-        let _ = strides;
-        Ok(None)
-    }
-
-    /// What it has learned, and its frames, for a run that is carried on; none: nothing.
+    /// What it keeps for a run that is carried on; none: nothing.
     ///
     /// # Errors
     /// [`Error::Internal`] where it cannot be written down.
@@ -183,14 +132,5 @@ pub trait Surrogate {
     fn restore(&mut self, state: &[u8]) -> Result<()> {
         let _ = state;
         Err(Error::Input(format!("a surrogate of kind {} has no state", self.name())))
-    }
-
-    /// Writes it as a model file, as it has become.
-    ///
-    /// # Errors
-    /// [`Error::File`] where that fails; [`Error::Input`] for a surrogate that is no model.
-    fn write_model(&self, path: &Path) -> Result<()> {
-        let _ = path;
-        Err(Error::Input(format!("a surrogate of kind {} is no model", self.name())))
     }
 }

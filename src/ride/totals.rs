@@ -3,7 +3,6 @@
 use crate::log::Log;
 use crate::ride::Ride;
 use crate::settings::Mode;
-use crate::surrogate::Lesson;
 use serde::{Deserialize, Serialize};
 
 /// The shortest time that a share is taken of, s.
@@ -36,17 +35,6 @@ pub(crate) struct Totals {
     /// Strides measured beside the solver, and decisions for no jump.
     pub measured: usize,
     pub refused: usize,
-    /// Rounds of learning, those that were used, their steps, their wall time (s), and the errors of the last one that was used.
-    #[serde(skip)]
-    pub adapt_runs: usize,
-    #[serde(skip)]
-    pub adapt_used: usize,
-    #[serde(skip)]
-    pub adapt_steps: u64,
-    #[serde(skip)]
-    pub adapt_seconds: f64,
-    #[serde(skip)]
-    pub adapt_errors: [f64; 2],
     /// Rows of the table of jumps that this part of the run has.
     #[serde(skip)]
     pub rows: usize,
@@ -64,16 +52,6 @@ impl Totals {
         self.by.resize(surrogates, (0, 0.0));
         self.by[surrogate].0 += 1;
         self.last = surrogate;
-    }
-
-    pub fn learned(&mut self, lesson: &Lesson) {
-        self.adapt_runs += 1;
-        self.adapt_steps += lesson.steps;
-        self.adapt_seconds += lesson.seconds;
-        if lesson.used {
-            self.adapt_used += 1;
-            self.adapt_errors = [lesson.before, lesson.after];
-        }
     }
 }
 
@@ -126,18 +104,6 @@ impl Ride<'_> {
             entries.push(("waited".into(), digits.of(t.waited)));
         }
         let mut more: Vec<(&str, String)> = Vec::new();
-        if self.riders.iter().any(|r| r.surrogate.has_begun()) {
-            more.extend([
-                ("adapt_runs", t.adapt_runs.to_string()),
-                ("adapt_runs_used", t.adapt_used.to_string()),
-                ("adapt_steps", t.adapt_steps.to_string()),
-                ("adapt_seconds", digits.of(t.adapt_seconds)),
-            ]);
-            if t.adapt_used > 0 {
-                let [before, after] = t.adapt_errors.map(|e| digits.of(e));
-                more.extend([("adapt_error_before", before), ("adapt_error_after", after)]);
-            }
-        }
         if self.settings.control.is_some() {
             more.extend([
                 ("strides_measured", t.measured.to_string()),

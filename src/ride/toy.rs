@@ -1,12 +1,11 @@
 //! A solver and surrogates whose errors are known on paper: a damped rotating vector as a field of two cells.
 
 use crate::schedule::Step;
-use crate::surrogate::{Advanced, Lesson, Surrogate};
+use crate::surrogate::{Advanced, Surrogate};
 use crate::values::Given;
 use m4gn_mesh::{Error, Result};
 use m4gn_step::{Field, FieldMut};
 use std::cell::RefCell;
-use std::path::Path;
 use std::rc::Rc;
 
 /// Angular velocity and damping of the vector, 1/s.
@@ -40,7 +39,6 @@ pub fn at(time: f64, delta_t: f64, end_time: f64, index: i64) -> Step {
         name: format!("{time:.6}").trim_end_matches('0').trim_end_matches('.').into(),
         shown: time,
         correctors: None,
-        wall: 0.0,
     }
 }
 
@@ -70,13 +68,6 @@ impl Fields {
     }
 }
 
-/// What a toy has learned, to be looked at by tests.
-#[derive(Debug, Default)]
-pub struct Learned {
-    pub frames: Vec<(f64, bool)>,
-    pub rounds: Vec<usize>,
-}
-
 /// A surrogate of the solver: exact but for a bias that is added in each stride.
 pub struct Toy {
     name: String,
@@ -87,10 +78,6 @@ pub struct Toy {
     broken_above: Option<f64>,
     jump_by: Option<(f64, f64)>,
     growth: Option<Vec<f64>>,
-    pub learned: Rc<RefCell<Learned>>,
-    learns: bool,
-    begun: bool,
-    lesson: f64,
     /// Boundary values that the last step saw.
     pub boundary: Rc<RefCell<Vec<f64>>>,
 }
@@ -105,10 +92,6 @@ impl Toy {
             broken_above: None,
             jump_by: None,
             growth: None,
-            learned: Rc::default(),
-            learns: false,
-            begun: false,
-            lesson: 0.0,
             boundary: Rc::default(),
         }
     }
@@ -137,12 +120,6 @@ impl Toy {
 
     pub fn growing(mut self, factors: &[f64]) -> Self {
         self.growth = Some(factors.to_vec());
-        self
-    }
-
-    /// It learns: a round takes its bias to this.
-    pub fn learning(mut self, bias: f64) -> Self {
-        (self.learns, self.lesson) = (true, bias);
         self
     }
 }
@@ -192,50 +169,5 @@ impl Surrogate for Toy {
         }
         out[0].cells.copy_from_slice(&next);
         Ok(())
-    }
-
-    fn can_learn(&self) -> bool {
-        self.learns
-    }
-
-    fn has_begun(&self) -> bool {
-        self.begun
-    }
-
-    fn frame(&mut self, time: f64, begins: bool, _: &[Field]) -> Result<()> {
-        self.begun = true;
-        self.learned.borrow_mut().frames.push((time, begins));
-        Ok(())
-    }
-
-    fn learn(&mut self, strides: usize) -> Result<Option<Lesson>> {
-        if !self.begun {
-            return Ok(None);
-        }
-        self.learned.borrow_mut().rounds.push(strides);
-        let before = self.bias;
-        self.bias = self.lesson;
-        Ok(Some(Lesson {
-            used: before != self.bias,
-            steps: 3,
-            seconds: 0.5,
-            before,
-            after: self.bias,
-            note: format!("learned from {} frames", self.learned.borrow().frames.len()),
-        }))
-    }
-
-    fn state(&self) -> Result<Option<Vec<u8>>> {
-        Ok(self.begun.then(|| self.bias.to_le_bytes().to_vec()))
-    }
-
-    fn restore(&mut self, state: &[u8]) -> Result<()> {
-        let bytes = state.try_into().map_err(|_| Error::Input("not eight bytes".into()))?;
-        (self.bias, self.begun) = (f64::from_le_bytes(bytes), true);
-        Ok(())
-    }
-
-    fn write_model(&self, path: &Path) -> Result<()> {
-        std::fs::write(path, self.bias.to_string()).map_err(|e| Error::file(path, e.to_string()))
     }
 }

@@ -28,7 +28,7 @@ fn session(model: &Model, body: &Body, obstacle: &Obstacle) -> Session {
 fn place(model: &Model, body: &Body, obstacle: &Obstacle) -> Place {
     let (spec, mesh) = (&model.spec, body.mesh(Some(obstacle)));
     let modal = Modal(spec.segments.modal());
-    Place::whole(&mesh, spec, &spec.segments, None, None, &modal).unwrap()
+    Place::whole(&mesh, spec, &spec.segments, None, &modal).unwrap()
 }
 
 fn narrow(rows: &[&[Vector]]) -> Vec<f32> {

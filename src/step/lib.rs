@@ -17,7 +17,7 @@ use m4gn_domain::body::projection::ProjectionReport;
 use m4gn_domain::{Components, Host};
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
-use m4gn_model::{Extent, InputRange, ModelSpec, SegmentSpec};
+use m4gn_model::{Extent, InputRange, ModelSpec, Solid};
 
 /// One model on one mesh: fields at the cells of a mesh that does not move, or the displacement of a body at points.
 pub struct Session {
@@ -34,8 +34,8 @@ pub struct Session {
     cell_size: f64,
     host: Box<dyn Host>,
     stepper: Stepper,
-    options: SessionOptions,
-    segment_spec: SegmentSpec,
+    /// What the host's solver says of a solid at cells.
+    solid: Option<Solid>,
     /// Fields at the end of the step, solved components only `[n_cells x n_outputs]`.
     result: Vec<f64>,
     /// Whether a step has been done, so that there are fields to look at.
@@ -81,21 +81,6 @@ impl Session {
     /// How the segments were computed, to be stored with them ([`segments::Record`]); empty if they were handed in.
     pub fn segment_record(&self) -> &str {
         &self.segment_record
-    }
-
-    /// The model's segmentation with what the case sets differently.
-    pub fn segment_spec(&self) -> &SegmentSpec {
-        &self.segment_spec
-    }
-
-    /// Mean distance of neighbouring nodes that the network's graph was to have, m; none: a node a cell.
-    pub fn resolution(&self) -> Option<f64> {
-        self.options.resolution.of(self.spec.resolution)
-    }
-
-    /// Threads of this rank.
-    pub fn threads(&self) -> usize {
-        self.options.n_threads.max(1)
     }
 
     /// The ranks of this session.
@@ -180,7 +165,7 @@ impl Session {
         let Some(trained_on) = &self.spec.trained_on else {
             return Vec::new();
         };
-        let solid = self.host.solid().or(self.options.solid.as_ref());
+        let solid = self.host.solid().or(self.solid.as_ref());
         if !self.stepped {
             let case =
                 Extent { cell_size: self.cell_size, speed: None, inputs: Vec::new(), solid: solid.cloned() };

@@ -33,19 +33,9 @@ impl Stepper {
         }
     }
 
-    /// Takes another network, which was made on the same structure.
-    pub fn set_network(&mut self, network: Box<dyn Forward>) {
-        self.network = network;
-    }
-
     /// The network's outputs in the last step.
     pub fn outputs(&self) -> &[f32] {
         &self.outputs
-    }
-
-    /// The graphs with the edges of the last state; none where they stay.
-    pub fn moved(&self) -> Option<&Structure> {
-        self.moving.as_ref()
     }
 }
 

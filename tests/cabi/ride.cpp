@@ -150,8 +150,7 @@ void controls()
 void carriesOn()
 {
     const std::string options =
-        R"({"mode": "replace", "solver_steps": 5, "surrogate_steps": 2, "name": "ride", "control": {"tolerance": 1e9, "relTol": 1e9},
-            "adapt": {"mode": "during", "steps": 2, "stepsEach": 1, "batch": 1, "start": 0}})";
+        R"({"mode": "replace", "solver_steps": 5, "surrogate_steps": 2, "name": "ride", "control": {"tolerance": 1e9, "relTol": 1e9}})";
     Host whole(options);
     whole.run(7);
     const std::string path = "ride-test.state";
@@ -239,11 +238,6 @@ void ridesOnItsOwn()
     own.n_fields = 0;
     REQUIRE(
         m4gn_ride_new(M4GN_NO_MPI, &surrogates, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT);
-    own.n_fields = 1;
-    options = R"({"mode": "observe", "adapt": {"mode": "before"}})";
-    REQUIRE(
-        m4gn_ride_new(M4GN_NO_MPI, &surrogates, &host.mesh.data, options, &start, &ride) == M4GN_ERROR_INPUT);
-    REQUIRE(contains(m4gn_last_error(), "does not learn"));
 }
 
 void refuses()

@@ -81,7 +81,7 @@ void readsTheModelOnce()
 
     m4gn_ride_step start{};
     start.delta_t = 0.002;
-    m4gn::Ride ride(session, mesh.data, R"({"mode": "observe", "adapt": {"mode": "before"}})", start);
+    m4gn::Ride ride(session, mesh.data, R"({"mode": "observe"})", start);
     Fields fields(mesh);
     start.time = start.delta_t;
     start.index = 1;

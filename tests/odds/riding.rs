@@ -1,4 +1,4 @@
-//! Hybrid runs, whose model learns.
+//! Hybrid runs.
 
 use crate::calls::{Bench, Ended, Oddity, c, unless, unless_mut, values};
 use crate::host::*;
@@ -18,7 +18,6 @@ fn now(index: i64) -> RideStep {
         delta_t: STEP,
         end_time: f64::INFINITY,
         shown: 0.0,
-        wall: 0.0,
         index,
         name: null(),
         correctors: -1,
@@ -39,15 +38,14 @@ impl Bench {
         // Random weights predict changes that control would not let a jump have
         let control = match odd {
             Some("uncontrolled") => "",
-            _ => r#""control": {"tolerance": 1e9, "relTol": 1e9}, "#,
+            _ => r#", "control": {"tolerance": 1e9, "relTol": 1e9}"#,
         };
         let settings = match odd {
             Some("json") => c("{\"mode\": ".into()),
             Some("mode") => c("{\"mode\": \"always\"}".into()),
-            _ => c(format!(
-                r#"{{"mode": "replace", "solverSteps": 12, "surrogateSteps": {steps}, {control}"adapt": {{"mode": "during", "steps": 2,
-                "stepsEach": 1, "batch": 1, "maxFrames": 40, "start": 0}}}}"#
-            )),
+            _ => {
+                c(format!(r#"{{"mode": "replace", "solverSteps": 12, "surrogateSteps": {steps}{control}}}"#))
+            }
         };
         let mut ride = none();
         let place = unless_mut(odd == Some("null"), &raw mut ride);
@@ -76,7 +74,7 @@ impl Bench {
         ended
     }
 
-    /// A call on a ride that has frames, and a state of it on disk.
+    /// A call on a ride after some steps of the solver, and a state of it on disk.
     pub fn ride_call(&self, call: &str, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let (made, session) = self.session_new(None, None);
         if made.status != 0 {

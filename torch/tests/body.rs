@@ -85,7 +85,7 @@ fn same_steps(spec: &ModelSpec) {
     let mut session = Session::new(Comm::serial(), &body.mesh(Some(&obstacle)), &model, &options).unwrap();
 
     let mesh = body.mesh(Some(&obstacle));
-    let sample = m4gn_learn::samples::Sample::of_mesh(&mesh, spec, &spec.segments, None, None).unwrap();
+    let sample = m4gn_learn::samples::Sample::of_mesh(&mesh, spec, &spec.segments, None).unwrap();
     let sample = Sample::new(&std::sync::Arc::new(sample), spec, Device::Cpu).unwrap();
     let layout = Layout::new(spec);
     let weights = layout.views(&Tensor::from_slice(&layout.flatten(&model).unwrap()), false);

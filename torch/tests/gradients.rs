@@ -131,7 +131,7 @@ fn solids(spec: &ModelSpec) -> Workload {
         let body = m4gn_samples::bodies::block([length, 2, 2], [3.0, 1.0, 1.0]);
         let obstacle = m4gn_samples::bodies::octahedron([2.6, 0.5, 1.6], 0.5);
         let mesh = body.mesh(Some(&obstacle));
-        let mut sample = Sample::of_mesh(&mesh, spec, &spec.segments, None, None).unwrap();
+        let mut sample = Sample::of_mesh(&mesh, spec, &spec.segments, None).unwrap();
         sample.n_frames = 8;
         for frame in 0..sample.n_frames {
             let t = 0.1 * frame as f32;

@@ -14,8 +14,7 @@ use m4gn_mesh::body::Obstacle;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::vector::Vector;
 use m4gn_mesh::{Error, Mesh, Result};
-use m4gn_model::{ModelSpec, SegmentSpec, Solid, cell_size};
-use m4gn_structure::Structure;
+use m4gn_model::{ModelSpec, Solid, cell_size};
 
 /// A displacement beyond which no solver would take on, m; contact projection and search trees need not either.
 const FARTHEST: f64 = 1e6;
@@ -179,7 +178,7 @@ impl BodyHost {
                 before.obstacle
             }
             Origin::Unknown => {
-                self.weights_changed();
+                self.correction.iter_mut().for_each(|(_, correction)| correction.forget());
                 return Ok(None);
             }
         };
@@ -271,27 +270,6 @@ impl Host for BodyHost {
 
     fn set_before(&mut self, comm: &Comm, body: &[Vector], obstacle: &[Vector]) -> Result<()> {
         self.take_before(comm, body, obstacle)
-    }
-
-    fn structure(
-        &self,
-        comm: &Comm,
-        mesh: &Mesh,
-        spec: &ModelSpec,
-        cut: (&SegmentSpec, &[i32]),
-    ) -> Result<Structure> {
-        let (whole, ranks) = mesh.whole_body(comm)?;
-        let (settings, labels) = cut;
-        let mut own = vec![0; self.points.len()];
-        self.place.iter().zip(labels).for_each(|(&i, &k)| own[i] = k);
-        let whole = (&whole, &ranks[..], mesh.obstacle.as_ref());
-        let modes = &m4gn_model::modal::NoModes;
-        Ok(Made::new(whole, spec, settings, Some(&own), modes, comm)?.structure)
-    }
-
-    fn weights_changed(&mut self) {
-        // The error is that of the weights from before.
-        self.correction.iter_mut().for_each(|(_, correction)| correction.forget());
     }
 
     fn projection(&self) -> Option<&ProjectionReport> {

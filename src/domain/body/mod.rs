@@ -83,12 +83,11 @@ pub(crate) fn place(
     mesh: &Mesh,
     spec: &ModelSpec,
     settings: &SegmentSpec,
-    labels: Option<&[i32]>,
     modes: &dyn ModalSource,
 ) -> Result<Place> {
     let comm = Comm::serial();
     let (whole, ranks) = mesh.whole_body(&comm)?;
     let whole = (&whole, &ranks[..], mesh.obstacle.as_ref());
-    let Made { part, body, structure } = Made::new(whole, spec, settings, labels, modes, &comm)?;
+    let Made { part, body, structure } = Made::new(whole, spec, settings, None, modes, &comm)?;
     Ok(Place { cell_size: cell_size(&part.mesh, &comm), domain: Box::new(body), structure, coarse: None })
 }

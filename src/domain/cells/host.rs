@@ -213,24 +213,6 @@ impl Host for CellsHost {
         comm.agree(done)
     }
 
-    fn structure(
-        &self,
-        comm: &Comm,
-        mesh: &Mesh,
-        spec: &ModelSpec,
-        cut: (&SegmentSpec, &[i32]),
-    ) -> Result<Structure> {
-        let (settings, labels) = cut;
-        let groups = self.groups.as_ref();
-        let nodes = groups.map_or(mesh, |groups| &groups.coarse.mesh);
-        let of_groups = match groups.filter(|_| spec.architecture.needs().segments) {
-            Some(groups) => Some(groups.labels(mesh, labels, comm)?),
-            None => None,
-        };
-        let labels = Some(of_groups.as_deref().unwrap_or(labels));
-        Structure::new(nodes, spec, settings, &m4gn_model::modal::NoModes, labels, comm)
-    }
-
     fn groups(&self) -> Option<&Coarse> {
         self.groups.as_ref().map(|groups| &groups.coarse)
     }

@@ -84,7 +84,7 @@ impl Host {
     }
 
     pub fn step(&self) -> Step {
-        Step { correctors: None, wall: 10.0, ..at(self.time, DT, self.end, self.index) }
+        Step { correctors: None, ..at(self.time, DT, self.end, self.index) }
     }
 
     fn listen(&mut self) {

@@ -2,7 +2,6 @@
 
 mod control;
 mod hosting;
-mod learning;
 mod observing;
 mod replacing;
 mod restarting;

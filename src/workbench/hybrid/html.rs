@@ -44,7 +44,7 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
         x_label: "processor time of the whole run / full run [%]".into(),
         y_label: "error / hold last".into(),
         series: series.collect(),
-        // Variants are factors apart: a plain solver of a tenth of the error, an adaptation of ten times the cost.
+        // Variants are factors apart: a plain solver may have a tenth of the error.
         axis: Axis::Logarithmic,
     };
     page.svg(
