@@ -166,9 +166,9 @@ Foam::functionObjects::m4gnSurrogate::m4gnSurrogate(
 
     // The dictionary is that of Foam::functionObjects::timeControl, which
     // reads it when this object is made, and then executes and ends it from
-    // timeStart to timeEnd alone. The model learns and is measured before,
-    // the state of the run is written always, and the totals are told at its
-    // end: both are heeded by the ride.
+    // timeStart to timeEnd alone. The model is measured before, the state of
+    // the run is written always, and the totals are told at its end: both are
+    // heeded by the ride.
     const_cast<dictionary&>(dict).remove("timeStart");
     const_cast<dictionary&>(dict).remove("timeEnd");
 }

@@ -333,9 +333,9 @@ unsafe fn new(
         let mut rows = mesh.as_ref().map_or(0, |mesh| mesh.cell_global.len());
         let mut riding: Vec<Box<dyn Surrogate>> = Vec::new();
         for kind in &settings.surrogates {
-            riding.push(match (kind, own.take(), &mesh) {
-                (Kind::Network, Some(own), _) => Box::new(own),
-                (Kind::Network, None, Some(_)) => {
+            riding.push(match (kind, own.take()) {
+                (Kind::Network, Some(own)) => Box::new(own),
+                (Kind::Network, None) => {
                     // SAFETY: passed on to the caller.
                     let model = unsafe { raw::reference("session", given.session.cast::<SessionHandle>())? }
                         .model
@@ -344,10 +344,7 @@ unsafe fn new(
                         Network::new(Borrowed(given.session.cast()), &model, settings.model.clone());
                     Box::new(comm.agree(network)?)
                 }
-                (Kind::Network, None, None) => {
-                    return Err(Error::Internal("a network without a mesh".into()));
-                }
-                (Kind::Linear, kept, _) => {
+                (Kind::Linear, kept) => {
                     own = kept;
                     let (fields, advanced) = arrays.take().unwrap_or_default();
                     lengths = fields.iter().map(|f| f.len).collect();

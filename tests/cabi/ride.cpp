@@ -1,4 +1,4 @@
-// A hybrid run through the C ABI: who calls what when, control, a state that is carried on, learning, every kind of refusal. What the
+// A hybrid run through the C ABI: who calls what when, control, a state that is carried on, every kind of refusal. What the
 // decisions are is tested in src/ride, with surrogates that are known on paper; here a network of random weights is enough.
 
 #include "mesh.hpp"

@@ -58,7 +58,7 @@ void steps()
     REQUIRE(fields2.U == fields1.U && fields2.p == fields1.p);
 }
 
-// A run is of the model that it began with: the file is another one, and then gone, while sessions are made and learn.
+// A run is of the model that it began with: the file is another one, and then gone, while sessions and a ride are made.
 void readsTheModelOnce()
 {
     Channel mesh(6, 4);
