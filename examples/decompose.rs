@@ -5,7 +5,7 @@
 //! Prints a JSON object; bench/linear.py compares it with PyDMD.
 
 use m4gn_linear::{Field, FitSettings, Linear, Settings, Storage};
-use m4gn_mesh::parallel::Comm;
+use m4gn_parallel::Comm;
 use std::time::Instant;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -5,9 +5,9 @@
 
 use m4gn_engine::Isa;
 use m4gn_mesh::body::{Body, Obstacle};
-use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{Model, ModelSpec, Output, Resolution};
+use m4gn_parallel::Comm;
 use m4gn_samples::bodies;
 use m4gn_samples::mesh as sample;
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};

@@ -7,9 +7,10 @@ mod bodies;
 mod ranks;
 
 use m4gn_adapt::{Adaptation, Outcome, Settings};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
 use m4gn_model::{Model, SegmentMethod};
+use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use m4gn_samples::mesh::vortex;
 use m4gn_step::{Field, Session, SessionOptions};

@@ -9,14 +9,14 @@ mod ranks;
 #[path = "mpi_engine/bodies.rs"]
 mod bodies;
 
+use m4gn_base::{Error, Result};
 use m4gn_engine::Precision;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{
     Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, NodeSums,
     Output, Resolution, SegmentSpec, cell_size,
 };
+use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use std::process::ExitCode;

@@ -4,7 +4,7 @@
 mod ranks;
 
 use m4gn_linear::{Field, FitSettings, Linear, Settings, Storage};
-use m4gn_mesh::parallel::Comm;
+use m4gn_parallel::Comm;
 use std::process::ExitCode;
 
 const CELLS: usize = 240;
@@ -28,7 +28,7 @@ fn part(all: &[f64], mine: &[usize]) -> Vec<f64> {
     mine.iter().map(|i| all[*i]).collect()
 }
 
-fn surrogate(comm: &Comm, mine: &[usize], storage: Storage) -> m4gn_mesh::Result<Linear> {
+fn surrogate(comm: &Comm, mine: &[usize], storage: Storage) -> m4gn_base::Result<Linear> {
     let volumes: Vec<f64> = mine.iter().map(|i| 1.0 + (i % 7) as f64).collect();
     let fields = vec![Field::weighted("U", 1, volumes), Field::carried("phi", mine.len())];
     Linear::new(comm, fields, Settings { interval: 0.1, storage, fit: FitSettings::default(), held: 0 })
@@ -44,7 +44,7 @@ fn run(comm: &Comm) -> Vec<String> {
         for storage in [Storage::Double, Storage::Single] {
             if let Err(e) = compare(comm, mine, &all, storage).and_then(|worst| match worst < TOLERANCE {
                 true => Ok(()),
-                false => Err(m4gn_mesh::Error::Numerical(format!("{worst:e} from one rank"))),
+                false => Err(m4gn_base::Error::Numerical(format!("{worst:e} from one rank"))),
             }) {
                 failures.push(format!("{how}, {storage:?}: {e}"));
             }
@@ -54,7 +54,7 @@ fn run(comm: &Comm) -> Vec<String> {
 }
 
 /// Largest difference to one rank.
-fn compare(comm: &Comm, mine: &[usize], all: &[usize], storage: Storage) -> m4gn_mesh::Result<f64> {
+fn compare(comm: &Comm, mine: &[usize], all: &[usize], storage: Storage) -> m4gn_base::Result<f64> {
     let mut here = surrogate(comm, mine, storage)?;
     let mut alone = surrogate(&Comm::serial(), all, storage)?;
     let mut worst: f64 = 0.0;
@@ -70,11 +70,11 @@ fn compare(comm: &Comm, mine: &[usize], all: &[usize], storage: Storage) -> m4gn
             let (a, b) = (tail(&mut here), tail(&mut alone));
             let same = a.zip(b).is_some_and(|(a, b)| a.0 == b.0 && (a.1 - b.1).abs() < TOLERANCE);
             if !same {
-                return Err(m4gn_mesh::Error::Numerical(format!("fits differ: {a:?}, {b:?}")));
+                return Err(m4gn_base::Error::Numerical(format!("fits differ: {a:?}, {b:?}")));
             }
         }
         for strides in [1.0, 2.5, 90.0] {
-            let missing = || m4gn_mesh::Error::Numerical("no prediction".into());
+            let missing = || m4gn_base::Error::Numerical("no prediction".into());
             let (a, b) =
                 (here.predict(strides).ok_or_else(missing)?, alone.predict(strides).ok_or_else(missing)?);
             let (mut own, mut whole) = (vec![0.0; mine.len()], vec![0.0; CELLS]);
@@ -84,7 +84,7 @@ fn compare(comm: &Comm, mine: &[usize], all: &[usize], storage: Storage) -> m4gn
             worst = differences.fold(worst, f64::max);
         }
         if jump > 0 && !(here.jump(jump) && alone.jump(jump)) {
-            return Err(m4gn_mesh::Error::Numerical("no jump".into()));
+            return Err(m4gn_base::Error::Numerical("no jump".into()));
         }
     }
     let mut most = [worst];

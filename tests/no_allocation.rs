@@ -3,11 +3,11 @@
 
 use m4gn_engine::Precision;
 use m4gn_mesh::NodeType;
-use m4gn_mesh::parallel::Comm;
 use m4gn_model::{
     Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, Output,
     SegmentSpec,
 };
+use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use std::alloc::{GlobalAlloc, Layout, System};

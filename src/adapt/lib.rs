@@ -17,13 +17,14 @@ pub use round::Outcome;
 pub use settings::{Mode, Settings};
 
 use learner::{Knowledge, Learner};
+use m4gn_base::{Error, Result};
 use m4gn_domain::cells::Levels;
 use m4gn_engine::backward::{Layout, Optimiser};
 use m4gn_learn::normaliser::Normaliser;
 use m4gn_learn::samples::Sample;
-use m4gn_mesh::parallel::{Comm, everywhere};
-use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_mesh::Mesh;
 use m4gn_model::{Model, SegmentSpec};
+use m4gn_parallel::{Comm, everywhere};
 use m4gn_step::{Field, Session};
 use std::sync::Arc;
 use window::Window;

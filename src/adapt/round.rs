@@ -2,11 +2,11 @@
 
 use super::learner::Learner;
 use super::{Adaptation, Mode};
+use m4gn_base::{Error, Result};
 use m4gn_learn::NativeBackend;
 use m4gn_learn::Rollout;
 use m4gn_learn::Workload;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_parallel::Comm;
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::Instant;

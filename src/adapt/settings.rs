@@ -1,9 +1,9 @@
 //! What a case may set of an adaptation: one JSON object, with one check.
 
+use m4gn_base::{Error, Result};
 use m4gn_engine::backward::UpdateRule;
 use m4gn_engine::{Precision, PrecisionChoice};
 use m4gn_learn::{Decay, TrainingConfig};
-use m4gn_mesh::{Error, Result};
 use m4gn_model::ModelSpec;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -4,7 +4,7 @@
 use super::Adaptation;
 use super::learner::{Knowledge, Learner};
 use super::window::Window;
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use m4gn_model::tensor_file::{Arrays, TensorFile};
 use serde::{Deserialize, Serialize};
 use std::path::Path;

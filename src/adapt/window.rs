@@ -2,7 +2,7 @@
 //! fit into memory.
 
 use super::Settings;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 

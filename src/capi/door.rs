@@ -1,9 +1,9 @@
 //! The guarded door that every export goes through.
 
-use m4gn_mesh::ffi::fpe::without_traps;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::parallel::panic_text;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::ffi::fpe::without_traps;
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
+use m4gn_parallel::panic_text;
 use std::cell::RefCell;
 use std::ffi::{CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -1,7 +1,7 @@
 //! Fields of the host, by name: what a step and a recording read, and where a step writes.
 
 use super::raw::{self, FieldData, FieldOut};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_step::{Field, OutputShape};
 
 /// # Safety

@@ -4,9 +4,9 @@ use super::door;
 use super::model::ModelHandle;
 use super::raw::{self, MeshData};
 use super::segments::{Asked, Request};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_parallel::Comm;
 use m4gn_structure as segments;
 use std::ffi::c_char;
 

@@ -60,7 +60,7 @@ pub extern "C" fn m4gn_last_error() -> *const c_char {
 exports! {
     /// Ends MPI and PETSc if they were started here.
     fn m4gn_finalize() -> (), or |_| (); {
-        m4gn_mesh::parallel::finalize();
+        m4gn_parallel::finalize();
         Ok(())
     }
 }

@@ -1,8 +1,8 @@
 //! The arrays of a solver's state, which a linear surrogate is fitted to.
 
 use super::raw;
+use m4gn_base::{Error, Result};
 use m4gn_linear::{Field, Weight};
-use m4gn_mesh::{Error, Result};
 use m4gn_ride::Advanced;
 use std::ffi::c_char;
 

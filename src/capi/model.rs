@@ -2,9 +2,9 @@
 
 use super::door;
 use super::raw;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_model::{ModalOperator, Model};
+use m4gn_parallel::Comm;
 use m4gn_step::read_model;
 use std::ffi::c_char;
 use std::hash::{DefaultHasher, Hasher};

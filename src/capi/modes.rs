@@ -2,12 +2,13 @@
 
 use super::door;
 use super::raw;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
+use m4gn_model::SegmentSpec;
 use m4gn_model::modal::{ModalOptions, ModalSolver, Modes};
-use m4gn_model::{SegmentSpec, settings};
 use m4gn_modes as modes;
 use m4gn_modes::{Mass, Problem, Rows};
+use m4gn_parallel::Comm;
 use serde::{Deserialize, Serialize};
 use std::ffi::c_char;
 

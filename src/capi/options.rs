@@ -5,7 +5,7 @@ use super::raw;
 use super::recorder::RecorderOptions;
 use super::ride;
 use super::segments::Request;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_step::SessionOptions;
 use std::ffi::c_char;
 

@@ -1,8 +1,8 @@
 //! A surrogate of the host's own in a ride.
 
 use super::raw::{self, FieldData, FieldOut};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 use m4gn_ride::{Advanced, Surrogate};
 use m4gn_step::{Field, FieldMut};
 use std::ffi::{CString, c_char, c_void};

@@ -1,7 +1,7 @@
 //! The structs of `m4gn.h` that are this library's alone, and texts from and to a host; meshes, slices and strings are those
 //! of [`m4gn_mesh::ffi::host`].
 
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 pub use m4gn_mesh::ffi::host::*;
 use std::ffi::c_char;
 

@@ -3,11 +3,11 @@
 use super::door;
 use super::fields::read_fields;
 use super::raw::{self, FieldData, MeshData};
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
 use m4gn_data::{FieldMeta, FieldValues, Recorder, Split, WriteOptions};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
-use m4gn_model::settings;
+use m4gn_parallel::Comm;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::ffi::c_char;

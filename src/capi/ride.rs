@@ -7,9 +7,10 @@ use super::own::{Own, SurrogateData};
 use super::raw::{self, FieldData, FieldOut, MeshData};
 use super::session::SessionHandle;
 use m4gn_adapt as adapt;
+use m4gn_base::{Error, Result};
 use m4gn_linear::Field as Array;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_mesh::Mesh;
+use m4gn_parallel::Comm;
 use m4gn_ride::{
     Action, Advanced, Answer, Fitted, Given, Kind, Mode, Network, Ride, RideSettings, Step, Surrogate, Text,
     host_of,

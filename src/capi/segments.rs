@@ -3,12 +3,13 @@
 use super::door;
 use super::model::ModelHandle;
 use super::raw::{self, MeshData};
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::{ModalSource, Modes};
-use m4gn_model::{SegmentEntries, SegmentSpec, settings};
+use m4gn_model::{SegmentEntries, SegmentSpec};
 use m4gn_modes::Modal;
+use m4gn_parallel::Comm;
 use m4gn_structure as segments;
 use m4gn_structure::Record;
 use m4gn_structure::graph::Graph;

@@ -3,12 +3,12 @@
 use super::door;
 use super::modes::{ModesHandle, ModesOptions};
 use super::raw::{self, SolidData};
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::Result;
+use m4gn_base::settings;
 use m4gn_model::modal::Modes;
-use m4gn_model::settings;
 use m4gn_modes::fem;
 use m4gn_modes::fem::HostBody;
+use m4gn_parallel::Comm;
 use std::ffi::c_char;
 
 /// # Safety

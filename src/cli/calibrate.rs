@@ -1,7 +1,7 @@
 //! `m4gn calibrate`: how the errors of a model's rollouts grow, measured on recorded trajectories.
 
 use crate::validate::{Progress, SPLITS, name_file, trajectories};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_model::{Calibration, Model, Resolution};
 use m4gn_step::SessionOptions;
 use m4gn_workbench::calibrate::{self, Rollout};

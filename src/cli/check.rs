@@ -1,7 +1,7 @@
 //! `m4gn check`: does a case fit?
 
 use super::{check_outputs, stop_flag, write_json};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_report::number;
 use m4gn_workbench::check::{self, Case, Checked, Finding, Plan};
 use std::path::{Path, PathBuf};

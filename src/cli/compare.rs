@@ -1,6 +1,6 @@
 //! `m4gn compare`: a hybrid run against the full run.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_workbench::compare::{self, Options};
 use m4gn_workbench::foam_case::FoamCase;
 use std::path::PathBuf;

@@ -1,8 +1,9 @@
 //! `m4gn convert`: data sets and weights of others, and for others.
 
+use m4gn_base::{Error, Result};
 use m4gn_data::{Split, Trajectory, is_trajectory, list};
 use m4gn_exchange::{export, import, weights};
-use m4gn_mesh::{Error, NodeType, Result};
+use m4gn_mesh::NodeType;
 use m4gn_model::Model;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;

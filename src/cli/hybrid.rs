@@ -2,7 +2,7 @@
 
 use super::generate::folder::SetArgs;
 use super::{check_outputs, stop_flag, write_json};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_report::{number, percent};
 use m4gn_workbench::generate::family::Family;
 use m4gn_workbench::generate::openfoam::{environment, plain_path};

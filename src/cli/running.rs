@@ -1,7 +1,7 @@
 //! How a command runs a network on recorded trajectories.
 
+use m4gn_base::Result;
 use m4gn_engine::PrecisionChoice;
-use m4gn_mesh::Result;
 use m4gn_model::Resolution;
 use m4gn_step::{Backend, SessionOptions};
 

@@ -1,7 +1,7 @@
 //! `m4gn study`: networks on data sets with several seeds, compared in one report.
 
 use super::stop_flag;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_workbench::study::{Plan, Report, run as study};
 use std::path::PathBuf;
 

@@ -1,9 +1,9 @@
 //! `m4gn validate`: a model against recorded trajectories.
 
 use super::running::Running;
+use m4gn_base::{Error, Result};
 use m4gn_data::{Split, Trajectory, list};
 use m4gn_domain::body::projection::ProjectionOptions;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
 use m4gn_report::number;
 use m4gn_workbench::validate::{self, Case, Keep, Pace, Way};

@@ -1,9 +1,10 @@
 //! Recording from all ranks of a solver: gathered to the root in the undecomposed mesh's order, written there.
 
 use super::{FieldMeta, Frame, WriteOptions, Writer};
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
 use m4gn_mesh::whole::{Place, whole_mesh};
-use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_parallel::Comm;
 use std::path::Path;
 
 /// One field of one rank at one time, as a solver has it.

@@ -4,11 +4,12 @@ use crate::body::BodyHost;
 use crate::body::projection::{ProjectionOptions, ProjectionReport};
 use crate::cells::CellsHost;
 use crate::{Domain, Field, Kind};
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::vector::Vector;
-use m4gn_mesh::{Error, Mesh, NodeType, Result};
+use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::modal::ModalSource;
 use m4gn_model::{ModelSpec, SegmentSpec, Solid};
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 use m4gn_structure::coarse::Coarse;
 

@@ -1,10 +1,11 @@
 //! Which kind of domain a model or a mesh is of, and what follows from it alone.
 
 use crate::body::has_feature;
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
 use m4gn_mesh::whole::{Place, whole_mesh};
-use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{ModalOperator, ModelSpec, SegmentSpec};
+use m4gn_parallel::Comm;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Whether the nodes of a model's domain move and may be touched.

@@ -1,10 +1,11 @@
 //! Trajectories to learn from: fields, graphs and segments, made by the functions that the session uses.
 
+use m4gn_base::Result;
 use m4gn_domain::{Domain, Place, as_seen, faces_seen_as_their_cells};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Mesh, Result};
+use m4gn_mesh::Mesh;
 use m4gn_model::{Extent, ModelSpec, SegmentSpec};
 use m4gn_modes::Modal;
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 use m4gn_structure::coarse::Coarse;
 use std::borrow::Cow;
@@ -17,7 +18,7 @@ pub trait FrameSource: Debug + Send + Sync {
     /// `[nodes x components]`.
     ///
     /// # Errors
-    /// [`Error::File`](m4gn_mesh::Error::File) for a frame that cannot be read.
+    /// [`Error::File`](m4gn_base::Error::File) for a frame that cannot be read.
     fn frame(&self, frame: usize) -> Result<Vec<f32>>;
 }
 
@@ -102,7 +103,7 @@ impl Sample {
     /// All fields of a frame: cells, then boundary nodes.
     ///
     /// # Errors
-    /// [`Error::File`](m4gn_mesh::Error::File) where the frame has to be read, and cannot be.
+    /// [`Error::File`](m4gn_base::Error::File) where the frame has to be read, and cannot be.
     pub fn frame(&self, frame: usize) -> Result<Cow<'_, [f32]>> {
         let size = self.structure.graph.n_owned * self.width;
         match &self.source {

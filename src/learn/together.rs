@@ -3,8 +3,8 @@
 
 use super::backend::{Backend, Batch, Learned, Rollout};
 use super::normaliser::Normaliser;
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::Result;
+use m4gn_parallel::Comm;
 
 /// Loss and gradient of a whole batch, of which each rank computes its share; the same on all ranks. Collective; all ranks
 /// fail together.

@@ -2,7 +2,7 @@
 
 use crate::dmd::{Delayed, Dmd, Shape, Window};
 use crate::snapshots::{Combination, Snapshots};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Errors of the tail below this are rounding.

@@ -1,6 +1,6 @@
 //! What a state is: named arrays of numbers, each with its place in the inner product.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 
 /// How a field enters the inner product of states.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,8 +4,8 @@
 //! of states, and single precision is relative to what a field varies by, not to its level.
 
 use crate::layout::{Field, Weight, check};
-use m4gn_mesh::parallel::{Comm, everywhere, same_on_all_ranks};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::{Comm, everywhere, same_on_all_ranks};
 use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,7 @@
 //! A block is its length (8 bytes), its bytes, and their CRC-32 (4 bytes); all numbers are little endian.
 
 use crate::snapshots::{Entry, Snapshots, Storage, Values};
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};

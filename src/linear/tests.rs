@@ -1,7 +1,7 @@
 //! What is known on paper: sums of damped waves, trends, constants, and what is no fit.
 
 use crate::{Delayed, Field, FitSettings, Linear, Settings, Storage, Weight, Window, relative};
-use m4gn_mesh::parallel::Comm;
+use m4gn_parallel::Comm;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

@@ -2,7 +2,7 @@
 
 use crate::nearest::widest;
 use crate::vector::{Vector, cross, dot, norm, sub};
-use crate::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::collections::HashMap;
 
 /// A closed surface whose triangles turn so that normals leave the body.

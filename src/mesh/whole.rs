@@ -1,7 +1,8 @@
 //! The undecomposed mesh of a solver that runs on several ranks.
 
-use crate::parallel::{Comm, Element, everywhere};
-use crate::{BoundaryFace, CoupledFace, ElasticModes, Error, Mesh, NodeType, Result};
+use crate::{BoundaryFace, CoupledFace, ElasticModes, Mesh, NodeType};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::{Comm, Element, everywhere};
 
 /// Where something of all ranks is put together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,7 +2,7 @@
 //! model's description (`m4gn calibrate` writes it). From it and one stride that solver and surrogate both take, a controller tells
 //! how far a jump may go.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Largest growth over one stride that means anything: beyond it no tolerance allows a jump, and the data hold what is out of range.

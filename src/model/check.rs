@@ -1,7 +1,7 @@
 //! What a model's description must satisfy before anything is made from it.
 
 use super::{Architecture, Kind, MacroSpec, ModelSpec, NodeSums, Output, Precision, WorldEdges};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 
 /// Version of the header schema that this library reads and writes.
 const FORMAT: u32 = 1;

@@ -1,9 +1,9 @@
 //! How the mesh is cut into segments: part of a model's description and of a training configuration.
 
 use crate::modal::{ModalOptions, ModalSolver};
-use crate::settings::{self, object};
+use m4gn_base::settings::{self, object};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::{Error, Result};
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 use std::fmt;
@@ -147,7 +147,7 @@ pub struct SegmentSpec {
     /// Overlap delta of section 3.3.1, in layers of neighbours.
     pub overlap: usize,
     /// The way to the modes.
-    #[serde(skip_serializing_if = "crate::settings::is_default")]
+    #[serde(skip_serializing_if = "m4gn_base::settings::is_default")]
     pub modal_solver: ModalSolver,
 }
 
@@ -352,7 +352,8 @@ mod tests {
 
     #[test]
     fn entries_go_over_a_description() {
-        let entries = |text: &str| crate::settings::parse::<SegmentEntries>("segments", text, &[]).unwrap();
+        let entries =
+            |text: &str| m4gn_base::settings::parse::<SegmentEntries>("segments", text, &[]).unwrap();
         let base = SegmentSpec { tau: 0.5, size: Some(0.1), ..SegmentSpec::default() };
         assert_eq!(entries("{}").over(&base).unwrap(), base);
         let given = entries(r#"{"count": 9, "size": null, "modalSolver": "direct"}"#);

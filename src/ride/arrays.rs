@@ -1,7 +1,7 @@
 //! What a host gives and takes beside the fields: the arrays of the state, inputs ahead, reported quantities.
 
 use crate::ride::{Phase, Ride};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 
 impl Ride<'_> {
     /// The arrays of the state after the solver's step, where an answer asked for them. Collective; all ranks fail together.

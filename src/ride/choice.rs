@@ -7,7 +7,7 @@ use crate::rider::Verdict;
 use crate::settings::Mode;
 use crate::tables::row;
 use crate::values::Given;
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 
 impl Ride<'_> {
     /// Compares where the solver has come a stride. The run ends where all surrogates stay bad and the settings say stop. Collective.

@@ -7,8 +7,8 @@
 //! Errors are root mean squares over nodes and solved components, relative to the largest variation that the field has had in the run
 //! ([`StrideError::variation`]).
 
-use m4gn_mesh::{Error, Result};
-use m4gn_model::settings;
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Most that a stride of a jump may change a field, over the largest change by a stride of the solver.

@@ -4,7 +4,7 @@ use crate::ride::{Action, Answer, Phase, Ride};
 use crate::schedule::{Step, steps_of};
 use crate::shadow::predict;
 use crate::values::{Given, rms};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_step::FieldMut;
 
 /// A jump that is going on.

@@ -6,11 +6,11 @@
 
 use crate::schedule::Step;
 use crate::surrogate::{Advanced, Surrogate};
+use m4gn_base::{Error, Result};
 use m4gn_linear::{
     Combination, Field as Array, FitSettings, Linear, Outlook, Settings, State, Storage, relative,
 };
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_parallel::Comm;
 use m4gn_step::{Field, FieldMut};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;

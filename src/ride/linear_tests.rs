@@ -5,9 +5,9 @@ use crate::schedule::Step;
 use crate::{
     Action, Advanced, Fitted, Given, Kind, LinearSettings, Mode, Ride, RideSettings, Surrogate, Text,
 };
+use m4gn_base::Result;
 use m4gn_linear::Field as Array;
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
+use m4gn_parallel::Comm;
 use m4gn_step::{Field, FieldMut};
 use std::cell::Cell;
 use std::rc::Rc;

@@ -2,7 +2,8 @@
 
 use crate::surrogate::{Advanced, Lesson, Surrogate};
 use m4gn_adapt::{Adaptation, Settings};
-use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
 use m4gn_model::{Model, Output};
 use m4gn_step::{Field, FieldMut, Session};
 use std::ops::DerefMut;

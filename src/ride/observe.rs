@@ -9,8 +9,8 @@ use crate::shadow::Shadow;
 use crate::surrogate::Surrogate;
 use crate::tables::{Digits, row};
 use crate::values::{Given, Values, between, places, rms};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 use m4gn_step::Field;
 
 /// The error that a table has for a prediction that is not finite.

@@ -5,7 +5,7 @@
 //! vary by about their mean. Beyond the tolerance the next jump has half as many strides at most, and none any more after one of a single
 //! stride; within it, half as many again as the last one that was limited.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 

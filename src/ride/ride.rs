@@ -13,8 +13,8 @@ use crate::tables::Digits;
 use crate::totals::Totals;
 use crate::values::Given;
 use crate::watch::Watch;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 
 /// What a host is to do next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

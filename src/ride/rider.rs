@@ -9,8 +9,8 @@ use crate::shadow::Shadow;
 use crate::surrogate::Surrogate;
 use crate::tables::Digits;
 use crate::values::Given;
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::Result;
+use m4gn_parallel::Comm;
 
 /// What a decision says of a surrogate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -3,8 +3,8 @@
 use crate::control::ControlSettings;
 use crate::linear::LinearSettings;
 use crate::quantities::QuantitySettings;
-use m4gn_mesh::{Error, Result};
-use m4gn_model::settings;
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::PathBuf;

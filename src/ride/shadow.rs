@@ -6,8 +6,8 @@ use crate::control::StrideError;
 use crate::schedule::Step;
 use crate::surrogate::Surrogate;
 use crate::values::{Given, Values, between, levels, places, rms};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 
 /// Two times this near, as a part of a stride, are the same.
 const SAME: f64 = 1e-6;

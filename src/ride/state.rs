@@ -9,7 +9,7 @@ use crate::schedule::Step;
 use crate::shadow::Shadow;
 use crate::totals::Totals;
 use crate::watch::Watch;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

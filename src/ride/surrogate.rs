@@ -1,7 +1,7 @@
 //! What may take the solver's place for a while: a network, or anything else that advances fields by strides.
 
 use crate::schedule::Step;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_step::{Field, FieldMut};
 use std::path::Path;
 

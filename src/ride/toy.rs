@@ -3,7 +3,7 @@
 use crate::schedule::Step;
 use crate::surrogate::{Advanced, Lesson, Surrogate};
 use crate::values::Given;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_step::{Field, FieldMut};
 use std::cell::RefCell;
 use std::path::Path;

@@ -1,8 +1,8 @@
 //! Values of the advanced fields on this rank, and what they have in all.
 
 use crate::surrogate::Advanced;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 use m4gn_step::{Field, FieldMut};
 
 /// The cell values of each advanced field.

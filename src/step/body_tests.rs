@@ -1,11 +1,12 @@
 //! Sessions of bodies, in serial.
 
 use super::*;
+use m4gn_base::Error;
 use m4gn_domain::Place;
 use m4gn_engine::plain;
+use m4gn_mesh::NodeType;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::vector::Vector;
-use m4gn_mesh::{Error, NodeType};
 use m4gn_model::Model;
 use m4gn_modes::Modal;
 use m4gn_samples::bodies as sample;

@@ -13,11 +13,11 @@ pub use opening::read_model;
 pub use options::{Backend, SessionOptions};
 pub use stepper::Stepper;
 
+use m4gn_base::Result;
 use m4gn_domain::body::projection::ProjectionReport;
 use m4gn_domain::{Components, Host};
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
 use m4gn_model::{Extent, InputRange, ModelSpec, SegmentSpec};
+use m4gn_parallel::Comm;
 
 /// One model on one mesh: fields at the cells of a mesh that does not move, or the displacement of a body at points.
 pub struct Session {

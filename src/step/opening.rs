@@ -1,13 +1,14 @@
 //! How a session begins: model, graph, segments, network; and how it takes other weights.
 
 use super::{Backend, Session, SessionOptions, Stepper};
+use m4gn_base::{Error, Result};
 use m4gn_domain::{Domain, HostOptions};
 use m4gn_engine::torch::TorchBackend;
 use m4gn_engine::{Engine, Forward, PrecisionChoice};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_mesh::Mesh;
 use m4gn_model::Model;
 use m4gn_modes::Modal;
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 use std::path::Path;
 

@@ -1,10 +1,11 @@
 //! What a session is made with: the settings of a case dictionary, of a host program and of `m4gn validate`.
 
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
 use m4gn_domain::Domain;
 use m4gn_domain::body::projection::ProjectionOptions;
 use m4gn_engine::{EngineOptions, Isa, Precision, PrecisionChoice};
-use m4gn_mesh::{Error, Result};
-use m4gn_model::{Resolution, SegmentEntries, SegmentSpec, Solid, settings};
+use m4gn_model::{Resolution, SegmentEntries, SegmentSpec, Solid};
 use serde::{Deserialize, Serialize};
 
 /// Most threads a rank may be given: a larger number is a slip of the pen.

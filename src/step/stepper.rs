@@ -1,10 +1,10 @@
 //! A network on a domain, which sessions and rollouts of trainings step with.
 
+use m4gn_base::Result;
 use m4gn_domain::{Domain, Predict};
 use m4gn_engine::Forward;
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
 use m4gn_model::ModelSpec;
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 
 /// A network on what it lives on.

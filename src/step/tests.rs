@@ -1,7 +1,7 @@
 //! Sessions on sample meshes, in serial.
 
 use super::*;
-use m4gn_mesh::Error;
+use m4gn_base::Error;
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{FieldSpec, Kind, Level, Model, ModelSpec, Output, SegmentEntries};
 use m4gn_samples::mesh as sample;

@@ -5,10 +5,10 @@
 
 use super::preset_labels;
 use crate::graph::Graph;
+use m4gn_base::Result;
 use m4gn_mesh::Mesh;
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::{Comm, everywhere};
 use m4gn_model::modal::Modes;
+use m4gn_parallel::{Comm, everywhere};
 
 /// Silhouettes of meshes of at most this many cells are exact.
 const EXACT: i64 = 20_000;
@@ -54,7 +54,7 @@ pub enum Dissimilarity<'a> {
 /// the cells' global numbers. Cost: N^2 (N x 4,000 for a sample) distances.
 ///
 /// # Errors
-/// [`m4gn_mesh::Error::Input`] for labels out of range or missing.
+/// [`m4gn_base::Error::Input`] for labels out of range or missing.
 pub fn quality(
     mesh: &Mesh,
     graph: &mut Graph,

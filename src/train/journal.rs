@@ -1,8 +1,8 @@
 //! The CSV log of a training: one row an interval, validation columns empty where there was none. It is the history of a
 //! training over all resumptions.
 
+use m4gn_base::{Error, Result, files};
 use m4gn_learn::BestOf;
-use m4gn_mesh::{Error, Result, files};
 use m4gn_report::{number, percent};
 use std::fs::{File, OpenOptions};
 use std::io::Write;

@@ -33,9 +33,9 @@ pub use request::Request;
 pub use trainer::{Task, train};
 pub use validation::HORIZON;
 
+use m4gn_base::Result;
 use m4gn_learn::NativeBackend;
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
+use m4gn_parallel::Comm;
 use std::sync::atomic::AtomicU8;
 
 /// Trains as asked on the native engine.

@@ -2,10 +2,10 @@
 //! larger than the memory.
 
 use super::ranges::{Ranges, solid};
+use m4gn_base::{Error, Result};
 use m4gn_data::{States, Trajectory};
 use m4gn_domain::{as_seen, faces_seen_as_their_cells};
 use m4gn_learn::samples::{FrameSource, Sample};
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{FieldSpec, ModelSpec};
 use std::sync::Arc;
 

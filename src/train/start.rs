@@ -8,11 +8,11 @@ use super::report::Report;
 use super::request::Request;
 use super::trainer::Trainer;
 use super::widen;
+use m4gn_base::{Error, Result};
 use m4gn_learn::Workload;
 use m4gn_learn::inputs;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec, SegmentSpec};
+use m4gn_parallel::Comm;
 use std::path::Path;
 use std::sync::atomic::AtomicU8;
 

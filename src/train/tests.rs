@@ -3,9 +3,9 @@
 
 use super::checkpoint::Checkpoint;
 use super::*;
+use m4gn_base::Error;
 use m4gn_learn::Workload;
 use m4gn_learn::normaliser::Normaliser;
-use m4gn_mesh::Error;
 use m4gn_model::Model;
 use sample::request;
 use std::path::Path;

@@ -3,9 +3,9 @@
 use super::journal::Validation;
 use super::report::Report;
 use super::trainer::Trainer;
+use m4gn_base::Result;
 use m4gn_learn::Rollout;
 use m4gn_learn::together::roll_out_together;
-use m4gn_mesh::Result;
 
 /// Recorded frames that RMSE-50 is over, in training as in `m4gn validate`.
 pub const HORIZON: usize = 50;

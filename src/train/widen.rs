@@ -1,7 +1,7 @@
 //! A wider network that says what a narrower one said, to be trained on from there: Net2Net (Chen, Goodfellow & Shlens 2016,
 //! arXiv 1511.05641).
 
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::{Architecture, Model, Tensor};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -1,8 +1,8 @@
 //! What the training data cannot teach with a configuration, told before it begins: noise that dwarfs a field, fields that never change.
 
+use m4gn_base::Result;
 use m4gn_domain::Components;
 use m4gn_learn::{TrainingConfig, Workload};
-use m4gn_mesh::Result;
 use m4gn_model::{ModelSpec, Output};
 use m4gn_report::number;
 

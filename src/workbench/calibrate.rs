@@ -1,10 +1,10 @@
 //! How the errors of a model's rollouts grow, measured on recorded data (`m4gn calibrate`); see [`m4gn_model::Calibration`].
 
 use crate::validate::{Scene, fits, predicted, stepper};
+use m4gn_base::{Error, Result};
 use m4gn_data::Trajectory;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{Calibration, Model, RolloutErrors};
+use m4gn_parallel::Comm;
 use m4gn_step::{Session, SessionOptions};
 
 /// Errors of each predicted field in one rollout.

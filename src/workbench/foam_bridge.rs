@@ -1,9 +1,10 @@
 //! Loads `libm4gn_foam_bridge.so` and calls its C interface (`openfoam/bridge/abi.rs`, version 6).
 #![allow(unsafe_code)]
 
+use m4gn_base::plugin::{Description, Plugin, c_string, folder_variable};
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
 use m4gn_mesh::ffi::host::{self, MeshData, SolidData};
-use m4gn_mesh::plugin::{Description, Plugin, c_string, folder_variable};
-use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_modes::fem::HostBody;
 use std::{
     ffi::{CStr, c_char, c_void},

@@ -4,7 +4,7 @@ use crate::damaged::{at, host, n_cells, not_internal, settings_as_text, shorter,
 use crate::fuzzing::{Random, fuzz};
 use crate::host::*;
 use crate::{place, read_all, root};
-use m4gn_mesh::parallel::NO_MPI;
+use m4gn_parallel::NO_MPI;
 use m4gn_samples::mesh as sample;
 use m4gn_samples::points::{Flat, Kind, block, rectangle};
 use serde_json::json;

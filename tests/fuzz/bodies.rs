@@ -5,7 +5,7 @@ use crate::fuzzing::{Random, fuzz};
 use crate::host::*;
 use crate::place;
 use m4gn_mesh::body::Obstacle;
-use m4gn_mesh::parallel::NO_MPI;
+use m4gn_parallel::NO_MPI;
 use m4gn_samples::mesh as sample;
 use serde_json::json;
 use std::ptr::null;

@@ -3,7 +3,7 @@
 use crate::fuzzing::{Random, fuzz};
 use crate::host::*;
 use crate::{damage_header, place, root};
-use m4gn_mesh::parallel::NO_MPI;
+use m4gn_parallel::NO_MPI;
 use m4gn_ride::control::{Control, ControlSettings, StrideError};
 use m4gn_samples::mesh as sample;
 use serde_json::{Value, json};

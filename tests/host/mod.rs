@@ -231,7 +231,7 @@ pub fn open_model(path: impl AsRef<std::path::Path>) -> *mut ModelHandle {
     let path = CString::new(path.as_ref().to_str().unwrap()).unwrap();
     let mut model = none();
     // SAFETY: a C string and a place for the handle.
-    let status = unsafe { m4gn_model_open(m4gn_mesh::parallel::NO_MPI, path.as_ptr(), &mut model) };
+    let status = unsafe { m4gn_model_open(m4gn_parallel::NO_MPI, path.as_ptr(), &mut model) };
     assert_eq!(status, 0, "{}", message());
     model
 }

@@ -2,10 +2,11 @@
 
 use super::distance;
 use m4gn_adapt::{Adaptation, Outcome, Settings};
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
 use m4gn_mesh::body::{Body, Obstacle};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::Model;
+use m4gn_parallel::Comm;
 use m4gn_samples::bodies as sample;
 use m4gn_step::{Field, Session, SessionOptions};
 

@@ -1,12 +1,12 @@
 //! Segments and their quality on several ranks against one, by every method, on random and broken-up meshes.
 
 use super::checks::{Checks, compare_segments};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::modal::Modes;
 use m4gn_model::{SegmentMethod, SegmentSpec};
 use m4gn_modes::Modal;
+use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use m4gn_structure::graph::Graph;
 use m4gn_structure::{Dissimilarity, Quality, Segmentation, obstacle_distance, quality, segment};

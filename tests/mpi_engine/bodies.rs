@@ -1,12 +1,12 @@
 //! Bodies at points: an obstacle goes down on a beam that several ranks share, and away again.
 
+use m4gn_base::{Error, Result};
 use m4gn_domain::body::gap::Gap;
 use m4gn_domain::body::projection::ProjectionOptions;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::body::Body;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{Calibration, ContactSpec, Kind, Model, ModelSpec, SegmentMethod, SegmentSpec, WorldEdges};
+use m4gn_parallel::Comm;
 use m4gn_samples::bodies as sample;
 use m4gn_step::{Session, SessionOptions};
 

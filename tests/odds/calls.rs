@@ -2,7 +2,7 @@
 
 use crate::host::*;
 use crate::{FAULT, SCENARIO, timed};
-use m4gn_mesh::parallel::{Comm, operations_since, panic_after};
+use m4gn_parallel::{Comm, operations_since, panic_after};
 use m4gn_samples::mesh as sample;
 use std::ffi::CString;
 use std::ptr::null;

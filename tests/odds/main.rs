@@ -15,7 +15,7 @@ mod riding;
 mod surrogate;
 
 use calls::{Bench, oddities};
-use m4gn_mesh::parallel::{Comm, finalize, panic_text};
+use m4gn_parallel::{Comm, finalize, panic_text};
 use std::process::{Command, ExitCode, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};

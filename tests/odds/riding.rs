@@ -57,7 +57,7 @@ impl Bench {
         let start = unless(odd == Some("no start"), &raw const start);
         // SAFETY: a session, and arrays of their lengths, or the null pointers that the call refuses.
         let ended = self.made(panic, || unsafe {
-            m4gn_ride_new(m4gn_mesh::parallel::NO_MPI, &surrogates(session), mesh, given, start, place)
+            m4gn_ride_new(m4gn_parallel::NO_MPI, &surrogates(session), mesh, given, start, place)
         });
         (ended, ride)
     }

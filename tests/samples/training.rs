@@ -1,7 +1,8 @@
 //! Small synthetic trajectories and configurations, for tests.
 
+use m4gn_base::Result;
 use m4gn_data::{FieldMeta, Frame, Split, WriteOptions, Writer};
-use m4gn_mesh::{Mesh, NodeType, Result};
+use m4gn_mesh::{Mesh, NodeType};
 use m4gn_samples::mesh::{flow, triangles};
 use m4gn_train::Request;
 use std::path::Path;

@@ -3,11 +3,11 @@
 
 use m4gn_domain::Components;
 use m4gn_mesh::NodeType;
-use m4gn_mesh::parallel::Comm;
 use m4gn_model::{
     Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec,
     NodeSums, Output, Precision, SegmentMethod, SegmentSpec, WorldEdges,
 };
+use m4gn_parallel::Comm;
 use m4gn_step::{Session, SessionOptions};
 use m4gn_torch::contact;
 use m4gn_torch::network::Network;

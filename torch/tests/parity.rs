@@ -2,12 +2,12 @@
 //! of graphs against single ones.
 
 use m4gn_engine::{Engine, EngineOptions, Forward};
-use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{
     Activation, Architecture, FieldSpec, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, NodeSums, Output,
     Precision, SegmentMethod, SegmentSpec,
 };
+use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use m4gn_structure::Structure;
 use m4gn_torch::inference::Inference;

@@ -1,8 +1,8 @@
 //! Trainings from data on disk to model files: they learn, and stop and go on exactly.
 
-use m4gn_mesh::Error;
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::Error;
 use m4gn_model::Model;
+use m4gn_parallel::Comm;
 use m4gn_samples::training as sample;
 use m4gn_samples::training::request;
 use m4gn_torch::backend::TorchBackend;

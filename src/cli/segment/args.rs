@@ -1,9 +1,11 @@
 //! What `m4gn segment` is told.
 
-use m4gn_mesh::{NodeType, Result};
+use m4gn_base::Result;
+use m4gn_base::settings;
+use m4gn_mesh::NodeType;
 use m4gn_model::MAX_SEGMENTS;
 use m4gn_model::modal::ModalSolver;
-use m4gn_model::{SegmentEntries, SegmentMethod, settings};
+use m4gn_model::{SegmentEntries, SegmentMethod};
 use serde_json::{Map, Value};
 use std::path::PathBuf;
 
@@ -72,7 +74,7 @@ impl Args {
     /// What the command line says of the segments.
     ///
     /// # Errors
-    /// [`Error::Input`](m4gn_mesh::Error::Input) for an entry that is unknown or not of its type.
+    /// [`Error::Input`](m4gn_base::Error::Input) for an entry that is unknown or not of its type.
     pub(super) fn entries(&self) -> Result<SegmentEntries> {
         let mut entries: Map<String, Value> = self.set.iter().cloned().collect();
         let named = [

@@ -1,11 +1,12 @@
 //! Where the mesh comes from, and where segments and modes go.
 
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
 use m4gn_data as dataset;
 use m4gn_data::Trajectory;
-use m4gn_mesh::{Error, Result};
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::modal::ModalOptions;
-use m4gn_model::{ModalOperator, Model, ModelSpec, SegmentEntries, settings};
+use m4gn_model::{ModalOperator, Model, ModelSpec, SegmentEntries};
 use m4gn_report::{CellMap, Grid, write_file};
 use m4gn_workbench::foam_case::FoamCase;
 use m4gn_workbench::foam_case::Stored as Origin;
@@ -124,7 +125,7 @@ impl Input {
             return Ok(None);
         };
         // As the function object looks for it.
-        let home = m4gn_mesh::plugin::folder_variable("M4GN_HOME");
+        let home = m4gn_base::plugin::folder_variable("M4GN_HOME");
         let homes = home.iter().flat_map(|h| [h.join("models"), h.clone()]);
         let case = match self {
             Input::Case(case) => PathBuf::from(&case.description().path),

@@ -7,10 +7,10 @@ pub use args::Args;
 
 use input::Input;
 use input::Stored;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec, SegmentEntries, SegmentMethod, SegmentSpec};
+use m4gn_parallel::Comm;
 use m4gn_report::write_file;
 use m4gn_structure::Record;
 use m4gn_structure::graph::Graph;

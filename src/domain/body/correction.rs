@@ -1,7 +1,7 @@
 //! What the network of a body was off by over the stride before a solver handed over, and is off by in the strides that follow.
 
-use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::vector::Vector;
+use m4gn_parallel::Comm;
 
 /// How far off the network may be over the stride before, as a share of the change that it says, to be corrected by half of that. An error as
 /// large as the change is one of an event, of a body that is touched for the first time, and says nothing of the next stride.

@@ -1,7 +1,7 @@
 //! What a session of bodies knows of the stride before, by what its model was off by in which it is corrected.
 
-use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::vector::Vector;
+use m4gn_parallel::Comm;
 
 /// How far a point may be from where the last step left it, in mean edges at rest, for the state to be that step's result: far less
 /// than what moves, and more than a host's own rounding.

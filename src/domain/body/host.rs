@@ -10,11 +10,12 @@ use super::projection::{Projection, ProjectionReport, check_start};
 use crate::field::expect_shape;
 use crate::host::{Host, HostOptions, Hosted, Predict};
 use crate::{Domain, Field};
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
 use m4gn_mesh::body::Obstacle;
-use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::vector::Vector;
-use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{ModelSpec, SegmentSpec, Solid, cell_size};
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 
 /// A displacement beyond which no solver would take on, m; contact projection and search trees need not either.

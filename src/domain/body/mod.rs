@@ -24,12 +24,13 @@ pub use host::BodyHost;
 pub use part::BodyPart;
 
 use crate::Place;
+use m4gn_base::Result;
+use m4gn_mesh::Mesh;
 use m4gn_mesh::body::Body as Solid;
 use m4gn_mesh::body::Obstacle;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Mesh, Result};
 use m4gn_model::modal::ModalSource;
 use m4gn_model::{ModelSpec, SegmentSpec, cell_size};
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 
 /// This rank's part of a body as a domain, and what the network lives on.

@@ -6,9 +6,10 @@ use crate::boundary::faces_seen_as_their_cells;
 use crate::field::expect_shape;
 use crate::host::{Host, HostOptions, Hosted, Predict};
 use crate::{Domain, Field};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
 use m4gn_model::{FieldSpec, ModelSpec, Output, SegmentSpec, cell_size};
+use m4gn_parallel::Comm;
 use m4gn_structure::coarse::Coarse;
 use m4gn_structure::{Record, Structure};
 

@@ -8,10 +8,11 @@ pub use host::CellsHost;
 pub use levels::Levels;
 
 use crate::{Boundary, Components, Domain, Place};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Mesh, Result};
+use m4gn_base::Result;
+use m4gn_mesh::Mesh;
 use m4gn_model::modal::ModalSource;
 use m4gn_model::{ModelSpec, SegmentSpec, cell_size};
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 use m4gn_structure::coarse::Coarse;
 

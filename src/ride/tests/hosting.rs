@@ -2,8 +2,8 @@
 
 use crate::toy::{self, Toy, at};
 use crate::{Action, Answer, Given, Ride, RideSettings, Step, Surrogate, Text};
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::Result;
+use m4gn_parallel::Comm;
 use m4gn_step::FieldMut;
 
 /// The solver's time step, s.

@@ -1,7 +1,7 @@
 use super::hosting::{Event::*, Host, ride};
 use crate::toy::{self, Toy, at};
 use crate::{Action, Given};
-use m4gn_mesh::Error;
+use m4gn_base::Error;
 
 const FIVE_TWO: &str = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 2, "timeStart": 1}"#;
 

@@ -1,7 +1,7 @@
 use super::hosting::{Event::*, Host, from};
 use crate::toy::{Toy, at};
 use crate::{Action, Given, host_of};
-use m4gn_mesh::Error;
+use m4gn_base::Error;
 
 /// Makes the surrogates of a run.
 type Makes = fn() -> Vec<Toy>;

@@ -1,5 +1,5 @@
 use super::*;
-use m4gn_mesh::Error;
+use m4gn_base::Error;
 use m4gn_samples::mesh as sample;
 
 fn of(mesh: &Mesh, labels: &[i32], count: usize) -> Result<Quality> {

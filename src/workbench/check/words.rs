@@ -1,7 +1,7 @@
 //! What a solver's log says of its end.
 
 use super::Report;
-use m4gn_mesh::Error;
+use m4gn_base::Error;
 
 /// Longest text of a message.
 const LONGEST: usize = 600;

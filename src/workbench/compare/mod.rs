@@ -22,7 +22,7 @@ pub use cost::Cost;
 use crate::errors::{FieldErrors, Track};
 use crate::foam_case::{Description, FoamCase, Patch};
 use forces::{Forces, Reference};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_report::Snapshot;
 use motion::Motion;
 use pairing::{common_times, mapping};

@@ -11,7 +11,7 @@ pub use solid::{Reaction, Unknown};
 use crate::foam_bridge;
 use crate::foam_bridge::CaseHandle;
 pub use crate::foam_bridge::LIBRARY;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_modes::fem::HostBody;
 use serde::Deserialize;
 use serde_json::json;

@@ -6,8 +6,8 @@ use super::parameter::Value;
 use super::process::Surroundings;
 use super::queue::{Case, other_number};
 use crate::digest::Digest;
+use m4gn_base::{Error, Result, files};
 use m4gn_data::{Split, Trajectory};
-use m4gn_mesh::{Error, Result, files};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 

@@ -7,7 +7,7 @@
 use super::command::Command;
 use super::expression::{self, Variables};
 use super::parameter::{self, Parameter, Setting, Settings, Value, check_decimals, is_word, rounded, shown};
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 

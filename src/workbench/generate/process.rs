@@ -1,7 +1,7 @@
 //! Running one tool: output into a log file, ended when it takes too long, the user stops, or this program ends.
 
 use super::guard::Guard;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU8, Ordering};

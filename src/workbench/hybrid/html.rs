@@ -2,7 +2,7 @@
 
 use super::tables::{case_table, remarks, summary_tables, whole_time};
 use super::{DrawResult, Plan};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
 use m4gn_report::{Chart, Page, Series};
 

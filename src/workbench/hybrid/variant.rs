@@ -2,7 +2,7 @@
 
 use crate::generate::family::{Family, Hybrid};
 use crate::generate::parameter::{Settings, is_word, parse_setting};
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use std::path::Path;
 
 /// Name of the full run.

@@ -10,7 +10,7 @@ pub use report::Report;
 use crate::digest::Digest;
 use crate::generate::openfoam::absolute;
 use crate::generate::process::Surroundings;
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};

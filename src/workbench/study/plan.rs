@@ -1,6 +1,6 @@
 //! What a study is made of: a TOML file with data sets, networks and seeds, of which each with each makes a cell.
 
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};

@@ -10,12 +10,12 @@ pub use tables::cost_text;
 
 use crate::bench::memory::{Memory, restart_peak};
 use crate::bench::processor_time;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::{ModalSource, Modes};
 use m4gn_model::{SegmentMethod, SegmentSpec};
 use m4gn_modes::Modal;
+use m4gn_parallel::Comm;
 use m4gn_structure as segments;
 use m4gn_structure::graph::Graph;
 use m4gn_structure::{Dissimilarity, Quality};

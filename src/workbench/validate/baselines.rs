@@ -3,9 +3,9 @@
 use super::prediction::{FieldErrors, Prediction};
 use super::scene::Scene;
 use crate::errors::SquaredError;
+use m4gn_base::Result;
 use m4gn_linear::{Field, FitSettings, Linear, Settings, Storage};
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
+use m4gn_parallel::Comm;
 use std::borrow::Cow;
 
 /// The row of a baseline on a scene.

@@ -3,7 +3,7 @@
 use super::summary::{summaries, that_count};
 use super::{Case, Prediction, pictures};
 use crate::errors::SquaredError;
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
 use m4gn_report::seconds;

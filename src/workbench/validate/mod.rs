@@ -32,12 +32,12 @@ pub use series::write as write_series;
 pub use shape::Shape;
 pub use summary::{Figures, Row, Summary, headline, json, summaries};
 
+use m4gn_base::{Error, Result};
 use m4gn_data::{Split, Trajectory};
 use m4gn_domain::Kind;
 use m4gn_domain::body::projection::ProjectionOptions;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{FieldSpec, Model};
+use m4gn_parallel::Comm;
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use m4gn_structure::diameter;
 use std::path::PathBuf;

@@ -3,11 +3,12 @@
 use super::prediction::{FieldErrors, Keep, Prediction};
 use super::{pace::Pace, shape::Shape};
 use crate::errors::SquaredError;
+use m4gn_base::{Error, Result};
 use m4gn_data::{Frame, Trajectory};
 use m4gn_domain::Boundary;
 use m4gn_domain::body::quality::Quality;
+use m4gn_mesh::Mesh;
 use m4gn_mesh::vector::Vector;
-use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{FieldSpec, Output};
 use m4gn_step::{Field, FieldMut};
 use std::borrow::Cow;

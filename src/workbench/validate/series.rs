@@ -1,9 +1,9 @@
 //! A rollout for ParaView: the true shape, the predicted one and the obstacle, step by step.
 
 use super::{Case, scene::recorded};
+use m4gn_base::{Error, Result};
 use m4gn_data::Trajectory;
 use m4gn_mesh::vector::{Vector, moved};
-use m4gn_mesh::{Error, Result};
 use m4gn_report::vtu::pvd;
 use m4gn_report::{Grid, write_file};
 use std::path::Path;

@@ -2,9 +2,9 @@
 
 use super::BodyHost;
 use crate::body::history::State;
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::vector::Vector;
-use m4gn_mesh::{Error, Result};
+use m4gn_parallel::Comm;
 
 impl BodyHost {
     /// Takes the displacement of the obstacle's points at the start and at the end of the next step, m; that of the

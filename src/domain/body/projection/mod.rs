@@ -24,11 +24,11 @@ mod validity;
 
 use super::gap::{Gap, Samples, cell_size};
 use kernel::Compliance;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::surface::{Surface, check_closed};
 use m4gn_mesh::vector::{Vector, dot, norm, sub};
-use m4gn_mesh::{Error, Result};
 use near::{Near, REACH, out_of};
 pub use options::ProjectionOptions;
 use pushes::Constraints;

@@ -1,6 +1,6 @@
 //! What may be set.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 
 /// How contact is restored. Lengths are in mean rest edges of the body.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]

@@ -2,10 +2,10 @@
 
 use super::skin::Skin;
 use crate::body::gap::Samples;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::surface::Surface;
 use m4gn_mesh::vector::Vector;
-use m4gn_mesh::{Error, Result};
 
 /// Overlap at the start that is let pass, mean edges: what a generator may record.
 const OVERLAP: f64 = 0.05;

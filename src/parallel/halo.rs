@@ -2,7 +2,7 @@
 
 use super::{Comm, Element};
 use crate::ffi::mpi::{Peer, Requests};
-use crate::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::collections::HashMap;
 
 /// The exchange that fills ghost nodes: rows after the owned ones, ordered by (rank, global number).

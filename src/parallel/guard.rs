@@ -7,7 +7,7 @@
 
 use super::agree::{broken_elsewhere, inner};
 use super::{Comm, MpiComm};
-use crate::{Error, Result};
+use m4gn_base::{Error, Result};
 use mpi::point_to_point::Status;
 use mpi::traits::{Communicator, CommunicatorCollectives, Destination, Source};
 use std::any::Any;

@@ -1,6 +1,6 @@
 //! Starting and ending MPI, only where nobody else has.
 
-use crate::{Error, Result};
+use m4gn_base::{Error, Result};
 use mpi::environment::{Threading, Universe, initialize_with_threading, is_finalized, is_initialized};
 use std::sync::Mutex;
 

@@ -3,7 +3,7 @@
 //! The name of a setting is that of its entry in a model's description, `distance_scale`. Names in OpenFOAM's spelling,
 //! `distanceScale`, are taken for the same.
 
-use m4gn_mesh::{Error, Result};
+use crate::{Error, Result};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
@@ -43,7 +43,7 @@ pub fn parse<T: DeserializeOwned>(what: &str, text: &str, free: &[&str]) -> Resu
 }
 
 /// Settings that stand as an entry of this name in others, in our spelling.
-pub(crate) fn read<T: DeserializeOwned>(name: &str, entries: &Value) -> Result<T> {
+pub fn read<T: DeserializeOwned>(name: &str, entries: &Value) -> Result<T> {
     T::deserialize(entries).map_err(|e| {
         let (path, problem) = culprit::<T>(entries, &e);
         let whole: Vec<&str> = std::iter::once(name).chain(path.iter().map(String::as_str)).collect();
@@ -189,7 +189,7 @@ fn distance(a: &str, b: &str) -> usize {
 }
 
 /// The entries of a JSON object; of anything else none.
-pub(crate) fn object(value: Value) -> Map<String, Value> {
+pub fn object(value: Value) -> Map<String, Value> {
     match value {
         Value::Object(entries) => entries,
         _ => Map::new(),
@@ -199,7 +199,7 @@ pub(crate) fn object(value: Value) -> Map<String, Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{SegmentEntries, SegmentSpec};
+    use m4gn_model::{SegmentEntries, SegmentSpec};
     use serde::Deserialize;
 
     #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -3,6 +3,7 @@
 //! A guest never moves the furniture: MPI is joined if it is up, and finalised only if we started it.
 
 mod agree;
+pub mod ffi;
 mod guard;
 mod halo;
 mod lifetime;
@@ -12,7 +13,7 @@ pub use halo::Halo;
 pub use lifetime::{before_finalize, finalize, library_version, start};
 
 use crate::ffi::mpi::OwnedCommunicator;
-use crate::{Error, Result};
+use m4gn_base::{Error, Result};
 use mpi::collective::SystemOperation;
 use mpi::datatype::traits::Equivalence;
 use mpi::datatype::{Partition, PartitionMut};

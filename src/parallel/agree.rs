@@ -1,7 +1,7 @@
 //! Agreement: what one rank found, all ranks know before the next collective call.
 
 use super::{Comm, MpiComm};
-use crate::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 impl Comm {
