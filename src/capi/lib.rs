@@ -1,4 +1,4 @@
-//! The C ABI, `include/m4gn.h`: the only exported symbols of `libm4gn.so`.
+//! The C ABI, `cpp/include/m4gn.h`: the only exported symbols of `libm4gn.so`.
 //!
 //! Every export goes through one guarded door ([`door`]): floating-point traps are off inside, panics stop, and an
 //! error becomes a status with its message kept for `m4gn_last_error`. What a pointer must be is said in the header;

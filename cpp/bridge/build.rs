@@ -22,25 +22,25 @@ const SOURCES: &[&str] = &[
     "FoamSolids.C",
     "FoamMesh.C",
     "FoamWrite.C",
-    "../adapter/m4gnMeshAdapter.C",
-    "../adapter/m4gnNodes.C",
-    "../adapter/m4gnNodeTypes.C",
-    "../adapter/m4gnPointAdapter.C",
-    "../adapter/m4gnDictionary.C",
-    "../adapter/m4gnFieldFiles.C",
-    "../adapter/m4gnSegmentField.C",
-    "../adapter/m4gnElasticBody.C",
-    "../adapter/m4gnElasticMaterial.C",
-    "../adapter/m4gnMechanicalProperties.C",
+    "../../openfoam/adapter/m4gnMeshAdapter.C",
+    "../../openfoam/adapter/m4gnNodes.C",
+    "../../openfoam/adapter/m4gnNodeTypes.C",
+    "../../openfoam/adapter/m4gnPointAdapter.C",
+    "../../openfoam/adapter/m4gnDictionary.C",
+    "../../openfoam/adapter/m4gnFieldFiles.C",
+    "../../openfoam/adapter/m4gnSegmentField.C",
+    "../../openfoam/adapter/m4gnElasticBody.C",
+    "../../openfoam/adapter/m4gnElasticMaterial.C",
+    "../../openfoam/adapter/m4gnMechanicalProperties.C",
 ];
 
 /// What they include, beside the header of each.
 const HEADERS: &[&str] = &[
     "FoamData.H",
-    "../../include/m4gn.h",
-    "../adapter/m4gnFieldNodes.H",
-    "../adapter/m4gnStaleNote.H",
-    "../adapter/m4gnVersion.H",
+    "../include/m4gn.h",
+    "../../openfoam/adapter/m4gnFieldNodes.H",
+    "../../openfoam/adapter/m4gnStaleNote.H",
+    "../../openfoam/adapter/m4gnVersion.H",
 ];
 
 fn stop(message: &str) -> ! {
@@ -88,7 +88,7 @@ fn main() {
     }
 
     let mut build = cxx_build::bridge("lib.rs");
-    build.files(SOURCES).includes([".", "../adapter", "../../include"]).warnings(false);
+    build.files(SOURCES).includes([".", "../../openfoam/adapter", "../include"]).warnings(false);
     // OpenFOAM's headers are not ours to warn about.
     for dir in &includes {
         build.flag(format!("-isystem{dir}"));
