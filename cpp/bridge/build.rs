@@ -22,25 +22,25 @@ const SOURCES: &[&str] = &[
     "FoamSolids.C",
     "FoamMesh.C",
     "FoamWrite.C",
-    "../../openfoam/adapter/m4gnMeshAdapter.C",
-    "../../openfoam/adapter/m4gnNodes.C",
-    "../../openfoam/adapter/m4gnNodeTypes.C",
-    "../../openfoam/adapter/m4gnPointAdapter.C",
-    "../../openfoam/adapter/m4gnDictionary.C",
-    "../../openfoam/adapter/m4gnFieldFiles.C",
-    "../../openfoam/adapter/m4gnSegmentField.C",
-    "../../openfoam/adapter/m4gnElasticBody.C",
-    "../../openfoam/adapter/m4gnElasticMaterial.C",
-    "../../openfoam/adapter/m4gnMechanicalProperties.C",
+    "../../openfoam/case/m4gnMeshAdapter.C",
+    "../../openfoam/case/m4gnNodes.C",
+    "../../openfoam/case/m4gnNodeTypes.C",
+    "../../openfoam/case/m4gnPointAdapter.C",
+    "../../openfoam/case/m4gnDictionary.C",
+    "../../openfoam/case/m4gnFieldFiles.C",
+    "../../openfoam/case/m4gnSegmentField.C",
+    "../../openfoam/case/m4gnElasticBody.C",
+    "../../openfoam/case/m4gnElasticMaterial.C",
+    "../../openfoam/case/m4gnMechanicalProperties.C",
 ];
 
 /// What they include, beside the header of each.
 const HEADERS: &[&str] = &[
     "FoamData.H",
     "../include/m4gn.h",
-    "../../openfoam/adapter/m4gnFieldNodes.H",
-    "../../openfoam/adapter/m4gnStaleNote.H",
-    "../../openfoam/adapter/m4gnVersion.H",
+    "../../openfoam/case/m4gnFieldNodes.H",
+    "../../openfoam/case/m4gnStaleNote.H",
+    "../../openfoam/case/m4gnVersion.H",
 ];
 
 fn stop(message: &str) -> ! {
@@ -88,7 +88,7 @@ fn main() {
     }
 
     let mut build = cxx_build::bridge("lib.rs");
-    build.files(SOURCES).includes([".", "../../openfoam/adapter", "../include"]).warnings(false);
+    build.files(SOURCES).includes([".", "../../openfoam/case", "../include"]).warnings(false);
     // OpenFOAM's headers are not ours to warn about.
     for dir in &includes {
         build.flag(format!("-isystem{dir}"));
