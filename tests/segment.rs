@@ -155,7 +155,7 @@ fn patches_that_are_not_understood_are_named() {
     refused(&case, "--segments 2", 1, "what is patch inlet");
     accepted(&case, "--segments 2 --node-type inlet=inlet --node-type outlet=outlet --no-write");
     // From the function object, and from the boundary conditions.
-    let functions = "functions { harvest { type m4gnHarvest; nodeTypes { inlet inlet; outlet outlet; } } }";
+    let functions = "functions { recorder { type m4gnRecorder; nodeTypes { inlet inlet; outlet outlet; } } }";
     let control = format!("application icoFoam; deltaT 0.5; writeInterval 1; endTime 3; {functions}");
     put(&case, "system/controlDict", "dictionary", &control);
     accepted(&case, "--segments 2 --no-write");

@@ -20,7 +20,7 @@ Foam::dictionary m4gn::FoamCase::Data::function_object() const
 {
     const Foam::dictionary functions(time.controlDict().subOrEmptyDict("functions"));
     // What rules a run comes first.
-    for (const Foam::word type : {"m4gnSurrogate", "m4gnSegments", "m4gnHarvest"}) {
+    for (const Foam::word type : {"m4gnSurrogate", "m4gnSegments", "m4gnRecorder"}) {
         for (const Foam::entry& e : functions) {
             if (e.isDict() && e.dict().lookupOrDefault<Foam::word>("type", Foam::word::null) == type) {
                 return e.dict();

@@ -109,7 +109,7 @@ Foam::autoPtr<Foam::m4gnSolverState> Foam::m4gnSolverState::New(
     if (kind->atPoints() != session.nodes().atPoints()) {
         FatalErrorInFunction << "The solver (state " << fitting.first() << ") has its unknowns at "
                              << (kind->atPoints() ? "points" : "cells") << nl
-                             << "    Give m4gnHarvest and m4gnSurrogate location "
+                             << "    Give m4gnRecorder and m4gnSurrogate location "
                              << (kind->atPoints() ? "points" : "cells") << exit(FatalError);
     }
 

@@ -81,7 +81,7 @@ pub fn run(args: Args) -> Result<()> {
     if input.join("system/controlDict").exists() {
         return Err(Error::file(
             input,
-            "is a case of OpenFOAM: give its controlDict an m4gnHarvest and run its solver with -postProcess, which records the time folders",
+            "is a case of OpenFOAM: give its controlDict an m4gnRecorder and run its solver with -postProcess, which records the time folders",
         ));
     }
     let own = input.is_dir() || input.extension().is_some_and(|e| e == "h5") && is_trajectory(input)?;

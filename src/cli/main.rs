@@ -30,7 +30,7 @@ use std::process::ExitCode;
 
 /// M4GN surrogates for OpenFOAM
 ///
-/// Data are recorded by the function object m4gnHarvest or made by 'm4gn generate'; the function object
+/// Data are recorded by the function object m4gnRecorder or made by 'm4gn generate'; the function object
 /// m4gnSurrogate takes over time steps of a solver.
 #[derive(Debug, Parser)]
 #[command(name = "m4gn", version, arg_required_else_help = true)]

@@ -331,7 +331,7 @@ pub fn list(path: &Path) -> Result<Vec<PathBuf>> {
     if files.is_empty() {
         return Err(Error::file(
             path,
-            "holds no trajectories (*.h5); 'm4gn generate' or m4gnHarvest make them",
+            "holds no trajectories (*.h5); 'm4gn generate' or m4gnRecorder make them",
         ));
     }
     files.sort();

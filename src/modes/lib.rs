@@ -116,7 +116,7 @@ fn of_body(mesh: &Mesh, modes: &ElasticModes, count: usize) -> Result<Modes> {
     let there = modes.eigenvalues.len();
     if count > there {
         return Err(Error::Input(format!(
-            "{count} elastic modes: the mesh has {there} with it; ask for fewer, or record more (modes of m4gnHarvest)"
+            "{count} elastic modes: the mesh has {there} with it; ask for fewer, or record more (modes of m4gnRecorder)"
         )));
     }
     let n = select::first(&modes.eigenvalues, count);

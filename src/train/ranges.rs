@@ -57,7 +57,7 @@ impl Ranges {
     }
 }
 
-/// What a trajectory says of its solid: a body by its elements, a solver's case by the provenance that `m4gnHarvest` writes.
+/// What a trajectory says of its solid: a body by its elements, a solver's case by the provenance that `m4gnRecorder` writes.
 ///
 /// # Errors
 /// [`Error::File`] for a provenance that has something else under this name.

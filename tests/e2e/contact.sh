@@ -28,7 +28,7 @@ below "$(awk "BEGIN { e = $(moved 0.4575)/-0.005 - 1; print e < 0 ? -e : e }")" 
 cd .. && rm -r case && cp -r whole case && cd case
 
 # The fields are where the obstacle is, now and by `ahead` later
-function_object m4gnHarvest 'fields (D ddt(D) obstacle obstacleAhead); writeControl timeStep; writeInterval 1;'
+function_object m4gnRecorder 'fields (D ddt(D) obstacle obstacleAhead); writeControl timeStep; writeInterval 1;'
 others='written { type writeObjects; libs (utilityFunctionObjects); objects (obstacle obstacleAhead ddt(D)); writeOption anyWrite; writeControl writeTime; }
     gradient { type grad; libs (fieldFunctionObjects); field D; executeControl timeStep; writeControl writeTime; }'
 echo "$others" >> system/functions
@@ -62,7 +62,7 @@ awk 'BEGIN {
     }
     print "endsolid punch"
 }' > constant/triSurface/punch.stl
-record() { function_object m4gnHarvest 'fields (D obstacle); writeControl timeStep; writeInterval 1;'; echo "$others" >> system/functions; }
+record() { function_object m4gnRecorder 'fields (D obstacle); writeControl timeStep; writeInterval 1;'; echo "$others" >> system/functions; }
 still() { { cat ../settings; echo "punch { $* motion table ((0 (0 0 0)) (1 (0.1 -0.02 0))); }"; } > constant/obstacles; }
 sed -i 's/^endTime .*/endTime 0.01;/' system/controlDict
 record
@@ -155,7 +155,7 @@ make_oracle
 export ORACLE_STRIDE=0.025 ORACLE_FRAMES=25
 clean_case
 sed -i 's/^startTime .*/startTime 0;/' system/controlDict
-function_object m4gnHarvest 'fields (D ddt(D)); writeControl timeStep; writeInterval 1;'
+function_object m4gnRecorder 'fields (D ddt(D)); writeControl timeStep; writeInterval 1;'
 runs solidDisplacementFoam
 oracle() {
     clean_case

@@ -49,7 +49,7 @@ grep -q 'K 16' log.run || fail "count 16 of the function object was not taken"
 clean_fields
 
 # The mesh of a recording is the mesh of the case
-function_object m4gnHarvest
+function_object m4gnRecorder
 sed -i 's/^endTime .*/endTime 0.01;/' system/controlDict
 runs icoFoam
 runs m4gn segment . --segments 16 --json ../case.json --no-write

@@ -56,7 +56,7 @@ while read -r tutorial steps ahead limit text; do
 
     # Recorded, with segments
     clean_case
-    echo "record { type m4gnHarvest; libs (m4gnFoam); fields (D); writeControl timeStep; writeInterval 1; }
+    echo "record { type m4gnRecorder; libs (m4gnFoam); fields (D); writeControl timeStep; writeInterval 1; }
         parts { type m4gnSegments; libs (m4gnFoam); segments { count 4; } }" > system/functions
     runs solids4Foam
     same ../plain
@@ -79,7 +79,7 @@ while read -r tutorial steps ahead limit text; do
     export LD_LIBRARY_PATH=$oracle
     ORACLE_STRIDE=$(awk "BEGIN { print 2*$step }")
     export ORACLE_STRIDE ORACLE_FRAMES=2
-    function_object m4gnHarvest 'fields (D); writeControl timeStep; writeInterval 1;'
+    function_object m4gnRecorder 'fields (D); writeControl timeStep; writeInterval 1;'
     runs solids4Foam
     clean_case
     : > any

@@ -113,7 +113,7 @@ while read -r ranks name material traction scheme fields limit stresses; do
     location=cells
     if [ "$field" = pointD ]; then location=points; fi
     clean_case
-    function_object m4gnHarvest "fields ($fields); location $location; writeControl timeStep; writeInterval 1;"
+    function_object m4gnRecorder "fields ($fields); location $location; writeControl timeStep; writeInterval 1;"
     echo "$watch" >> system/functions
     solve
     if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields "($field sigma)" -time '0.025:'; fi
@@ -207,7 +207,7 @@ if [ "$law" = yes ]; then
             if [ $ranks -eq 2 ] && [ "$location" = points ]; then continue; fi
             model "$name" "$material" "$traction" "${scheme//_/ }"
             clean_case
-            function_object m4gnHarvest "location $location; fields (${fields//,/ }); writeControl timeStep; writeInterval 1;"
+            function_object m4gnRecorder "location $location; fields (${fields//,/ }); writeControl timeStep; writeInterval 1;"
             solve
             if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields '(D sigma)' -time '0.025:'; fi
             rm -rf ../full && mkdir ../full && mv 0.* ../full
@@ -317,7 +317,7 @@ EOD
     # Beside a surrogate: no step after a jump is at the solver's limit, which rough errors would take it to
     model nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000 Euler
     clean_case
-    function_object m4gnHarvest "fields (D ddt(D)); writeControl timeStep; writeInterval 1;"
+    function_object m4gnRecorder "fields (D ddt(D)); writeControl timeStep; writeInterval 1;"
     solve
     rm -rf 0.0*
     function_object m4gnSurrogate "$replace"
@@ -381,7 +381,7 @@ cp "$M4GN_HOME"/lib/libm4gn{Foam,Accelerators}.so "$work/lib"
 ranks=1
 model linearGeometry linearElastic 200 Euler
 clean_case
-function_object m4gnHarvest 'fields (D ddt(D)); writeControl timeStep; writeInterval 1;'
+function_object m4gnRecorder 'fields (D ddt(D)); writeControl timeStep; writeInterval 1;'
 solve
 rm -rf ../full && mkdir ../full && mv 0.* ../full
 clean_case
@@ -409,7 +409,7 @@ fi
 # What would not do
 sed -i 's/^endTime .*/endTime 0.03;/' system/controlDict
 surrogate="mode replace; model any; timeStart 0.01; solverSteps 10; surrogateSteps 1;"
-record() { clean_case; function_object m4gnHarvest "$1 writeControl timeStep; writeInterval 1;"; solve; rm -r 0.*; }
+record() { clean_case; function_object m4gnRecorder "$1 writeControl timeStep; writeInterval 1;"; solve; rm -r 0.*; }
 ranks=1
 model linearGeometryTotalDisplacement linearElastic 200 Euler
 record 'fields (D);'
@@ -430,7 +430,7 @@ refused 'location is points, which is for mode replace' solids4Foam
 # Newmark's scheme keeps what an error has of fast waves; damped steps take it away, and leave what is right. The jump ends at 0.03
 sed -i 's/^endTime .*/endTime 0.04;/' system/controlDict
 clean_case
-function_object m4gnHarvest 'fields (pointD pointU pointA); location points; writeControl timeStep; writeInterval 1;'
+function_object m4gnRecorder 'fields (pointD pointU pointA); location points; writeControl timeStep; writeInterval 1;'
 solve
 rm -rf ../full && mkdir ../full && mv 0.* ../full
 # handed_back WHAT DAMPED_STEPS ROUGH: the error of pointU ten steps after the jump, in $off

@@ -8,7 +8,7 @@ turbulence kOmegaSST nutkWallFunction
 cp "$M4GN_HOME/openfoam/tutorials/cylinder/system/decomposeParDict" system
 sed -i 's/^endTime .*/endTime 0.25;/; s/^writeInterval .*/writeInterval 0.01;/' system/controlDict
 
-function_object m4gnHarvest 'fields (U p k omega nut); timeStart 0.1; writeControl timeStep; writeInterval 5; file "square.h5";'
+function_object m4gnRecorder 'fields (U p k omega nut); timeStart 0.1; writeControl timeStep; writeInterval 5; file "square.h5";'
 runs pimpleFoam
 ! grep 'WARNING' log.run || fail "a recording of turbulence is one to take the solver's place with"
 mkdir data && mv square.h5 data && clean_case

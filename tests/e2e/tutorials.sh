@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# OpenFOAM's own tutorials, shortened: m4gnHarvest and m4gnSurrogate in mode observe change no byte of what the solver writes; what they
+# OpenFOAM's own tutorials, shortened: m4gnRecorder and m4gnSurrogate in mode observe change no byte of what the solver writes; what they
 # cannot do is refused at the start, with its name.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
@@ -54,7 +54,7 @@ open(target, "wb").write(struct.pack("<Q", len(text)) + text + data[8 + size :])
 EOF
 }
 
-harvest='record { type m4gnHarvest; libs (m4gnFoam); fields (U p); writeControl timeStep; writeInterval 5; }'
+record='record { type m4gnRecorder; libs (m4gnFoam); fields (U p); writeControl timeStep; writeInterval 5; }'
 # observe ENTRIES: five of the solver's steps are a stride
 observe() { echo "watch { type m4gnSurrogate; libs (m4gnFoam); mode observe; model \"$work/network.safetensors\"; rolloutSteps 2; $* }"; }
 
@@ -83,7 +83,7 @@ neutral() {
 while read -r name path solver deltaT pressure entries; do
     tutorial "$path" "$deltaT"
     network "$(awk "BEGIN { print 5*$deltaT }")" "$pressure"
-    { echo "$harvest"; observe "outOfRange ignore; $entries"; } > system/functions
+    { echo "$record"; observe "outOfRange ignore; $entries"; } > system/functions
     neutral "$solver"
     [ -f postProcessing/record/0/trajectory.h5 ] || fail "$name: nothing was recorded"
     awk '!/^#/ { ++n } END { exit n < 3 }' postProcessing/watch/0/surrogateError.dat || fail "$name: nothing was observed"
@@ -98,7 +98,7 @@ EOF
 name=buoyant
 tutorial heatTransfer/buoyantPimpleFoam/hotRoom 2
 network 10 Pa
-echo "$harvest" > system/functions
+echo "$record" > system/functions
 neutral buoyantPimpleFoam
 # The network is one of two dimensions
 observe > system/functions
@@ -109,7 +109,7 @@ tutorial multiphase/interFoam/laminar/damBreak/damBreak 1e-3
 network 5e-3 Pa
 sed -i 's/^numberOfSubdomains.*/numberOfSubdomains 2;/; s/(2 2 1)/(2 1 1)/' system/decomposeParDict
 runs decomposePar
-{ echo "$harvest"; observe 'outOfRange ignore;'; } > system/functions
+{ echo "$record"; observe 'outOfRange ignore;'; } > system/functions
 neutral mpirun -np 2 interFoam -parallel
 
 # What the solver alone advances has a note where a jump ends: the turbulence of the first jump, which begins after five steps
@@ -145,7 +145,7 @@ EOF
 
 name=moving
 tutorial incompressible/pimpleFoam/RAS/oscillatingInletPeriodicAMI2D 1e-3
-for object in "$harvest" "$(observe)"; do
+for object in "$record" "$(observe)"; do
     echo "$object" > system/functions
     refused 'dynamicMotionSolverFvMesh, which moves' pimpleFoam
     [ ! -d 0.01 ] || fail "the moving mesh was refused after the run began"

@@ -18,7 +18,7 @@ use std::path::PathBuf;
 /// where --vtu says.
 ///
 /// What is not given is taken from the entry 'segments' of the case's function object (m4gnSurrogate, m4gnSegments or
-/// m4gnHarvest),
+/// m4gnRecorder),
 /// then from the model that it names or that --model names.
 #[derive(Debug, clap::Args)]
 pub struct Args {

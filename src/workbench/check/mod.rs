@@ -249,7 +249,7 @@ fn random(
     copy.control_dict(
         &format!("endTime {};", report.start_time + (STEPS * FRAMES) as f64 * report.delta_t),
         &format!(
-            "type m4gnHarvest; fields ({}); {place} file \"{}\"; overwrite yes; writeControl timeStep; writeInterval {STEPS};",
+            "type m4gnRecorder; fields ({}); {place} file \"{}\"; overwrite yes; writeControl timeStep; writeInterval {STEPS};",
             names.join(" "),
             data.display()
         ),

@@ -126,7 +126,7 @@ mod tests {
         run(surroundings(&GO, 9000), "echo $A").unwrap();
         assert_eq!(std::fs::read_to_string(dir.path().join("log.sh")).unwrap(), "b\n");
         let fatal =
-            "printf -- '--> FOAM FATAL ERROR: \\n\\nm4gnHarvest cannot record: full\\n\\n From\\n'; exit 1";
+            "printf -- '--> FOAM FATAL ERROR: \\n\\nm4gnRecorder cannot record: full\\n\\n From\\n'; exit 1";
         let message = run(surroundings(&GO, 9000), fatal).unwrap_err().to_string();
         assert!(message.contains("log.sh") && message.contains("cannot record: full"), "{message}");
         let killed = run(surroundings(&GO, 9000), "kill -9 $$").unwrap_err().to_string();

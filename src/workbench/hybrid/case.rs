@@ -325,7 +325,7 @@ impl Job<'_> {
             )));
         }
         Ok(format!(
-            "stretches\n{{\n    type            m4gnHarvest;\n    libs            (m4gnFoam);\n    fields          ({});\n{}    \
+            "stretches\n{{\n    type            m4gnRecorder;\n    libs            (m4gnFoam);\n    fields          ({});\n{}    \
              hybrid          stretches;\n    file            \"{}/{seed}-{index:04}-{name}.h5\";\n    overwrite       yes;\n    \
              writeControl    timeStep;\n    writeInterval   {};\n\n{}}}\n",
             recording.fields.join(" "),

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# m4gnHarvest: serial, parallel, over stored times; nothing half-written.
+# m4gnRecorder: serial, parallel, over stored times; nothing half-written.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
@@ -7,7 +7,7 @@ make_case case
 # What a trajectory holds, without what says where it came from
 
 # While the solver runs: a frame each 5 of 30 steps
-function_object m4gnHarvest 'writeControl timeStep; writeInterval 5; split test; provenance { note "a test"; seed 3; }'
+function_object m4gnRecorder 'writeControl timeStep; writeInterval 5; split test; provenance { note "a test"; seed 3; }'
 runs icoFoam
 file=postProcessing/test/0/trajectory.h5
 [ -f $file ] || fail "no $file"
@@ -28,7 +28,7 @@ diff <(content serial.h5) <(content $file) || fail "two ranks recorded something
 clean_case
 : > system/functions
 runs icoFoam
-function_object m4gnHarvest
+function_object m4gnRecorder
 for command in 'icoFoam -postProcess' postProcess; do
     # shellcheck disable=SC2086
     runs $command -time '0.02:'
@@ -51,7 +51,7 @@ done
 cp -r . ../other
 (
     cd ../other
-    function_object m4gnHarvest "file \"$work/case/$file\";"
+    function_object m4gnRecorder "file \"$work/case/$file\";"
     sed -i 's/^endTime .*/endTime 0.01;/' system/controlDict
     refused 'is being written by another recording' icoFoam
 )
@@ -72,8 +72,8 @@ grep -q 'was killed' ../other/log.run || fail "the log does not say that a recor
 # A disk that is full (a limit on the size of files is the same to the program)
 clean_case
 sed -i 's/^endTime .*/endTime 0.06;/; s/^writeInterval .*/writeInterval 10;/' system/controlDict
-refused 'm4gnHarvest cannot' bash -c 'trap "" XFSZ; ulimit -f 120; exec icoFoam'
+refused 'm4gnRecorder cannot' bash -c 'trap "" XFSZ; ulimit -f 120; exec icoFoam'
 [ ! -e $file ] || fail "a full disk left $file"
 left=$(find postProcessing -type f 2> /dev/null | wc -l)
 [ "$left" -eq 0 ] || fail "a full disk left $(find postProcessing -type f)"
-echo "harvest: passed"
+echo "record: passed"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-#include "m4gnHarvest.H"
+#include "m4gnRecorder.H"
 #include "addToRunTimeSelectionTable.H"
 #include "foamVersion.H"
 #include "m4gnCore.H"
@@ -16,8 +16,8 @@ namespace Foam
 {
 namespace functionObjects
 {
-defineTypeNameAndDebug(m4gnHarvest, 0);
-addToRunTimeSelectionTable(functionObject, m4gnHarvest, dictionary);
+defineTypeNameAndDebug(m4gnRecorder, 0);
+addToRunTimeSelectionTable(functionObject, m4gnRecorder, dictionary);
 }
 }
 
@@ -36,7 +36,7 @@ static Foam::fileName nameOfKilled(const Foam::fileName& path)
 //  by default
 static const Foam::label defaultModes = 12;
 
-void Foam::functionObjects::m4gnHarvest::start()
+void Foam::functionObjects::m4gnRecorder::start()
 {
     m4gn::checkAbi();
     checkSource();
@@ -58,7 +58,7 @@ void Foam::functionObjects::m4gnHarvest::start()
     }
 }
 
-void Foam::functionObjects::m4gnHarvest::open()
+void Foam::functionObjects::m4gnRecorder::open()
 {
     std::vector<m4gn_recorder_field> recorded(fields_->size());
     for (label i = 0; i < fields_->size(); ++i) {
@@ -96,7 +96,7 @@ void Foam::functionObjects::m4gnHarvest::open()
         m4gn_recorder_new(
             m4gn::communicator(), &nodes_->data(), settings.c_str(), recorded.data(), recorded.size(),
             &recorder_),
-        "m4gnHarvest cannot record");
+        "m4gnRecorder cannot record");
     if (Pstream::master() && killed) {
         WarningInFunction << "An earlier recording of " << path_ << " was killed: "
                           << (isFile(kept, false) ? "its whole frames are kept in " + kept
@@ -111,7 +111,7 @@ void Foam::functionObjects::m4gnHarvest::open()
     Log << type() << ' ' << name() << ": recording " << m4gn::join(fieldNames_) << " to " << path_ << endl;
 }
 
-void Foam::functionObjects::m4gnHarvest::checkSource()
+void Foam::functionObjects::m4gnRecorder::checkSource()
 {
     const scalar last = Foam::min(dict_.getOrDefault<scalar>("timeEnd", VGREAT), time_.endTime().value());
     replacer_ = postProcess ? word::null : m4gnReplacer::before(last);
@@ -129,7 +129,7 @@ void Foam::functionObjects::m4gnHarvest::checkSource()
     }
 }
 
-void Foam::functionObjects::m4gnHarvest::close()
+void Foam::functionObjects::m4gnRecorder::close()
 {
     if (!recorder_) {
         return;
@@ -139,7 +139,7 @@ void Foam::functionObjects::m4gnHarvest::close()
 
     // A stretch of one frame says nothing of the time between
     if (!stretches_ || nFrames > 1) {
-        m4gn::check(m4gn_recorder_finish(recorder_), "m4gnHarvest cannot finish");
+        m4gn::check(m4gn_recorder_finish(recorder_), "m4gnRecorder cannot finish");
         Log << type() << ' ' << name() << ": " << nFrames << " frames in " << path_ << nl << endl;
     }
 
@@ -147,20 +147,20 @@ void Foam::functionObjects::m4gnHarvest::close()
     recorder_ = nullptr;
 }
 
-void Foam::functionObjects::m4gnHarvest::finish()
+void Foam::functionObjects::m4gnRecorder::finish()
 {
     close();
     finished_ = true;
 }
 
-Foam::wordList Foam::functionObjects::m4gnHarvest::ownKeys()
+Foam::wordList Foam::functionObjects::m4gnRecorder::ownKeys()
 {
     wordList keys({"fields", "file", "nodeTypes", "location", "U", "p", "phi", "D", "modes", "hybrid"});
     keys.append(m4gnElasticModes::keys());
     return keys;
 }
 
-std::string Foam::functionObjects::m4gnHarvest::options(const dictionary& dict, const fileName& path) const
+std::string Foam::functionObjects::m4gnRecorder::options(const dictionary& dict, const fileName& path) const
 {
     dictionary settings(m4gn::without(dict, m4gn::commonKeys()));
     settings = m4gn::without(settings, ownKeys());
@@ -169,7 +169,7 @@ std::string Foam::functionObjects::m4gnHarvest::options(const dictionary& dict, 
     return m4gn::json(settings);
 }
 
-Foam::dictionary Foam::functionObjects::m4gnHarvest::provenance(const dictionary& dict) const
+Foam::dictionary Foam::functionObjects::m4gnRecorder::provenance(const dictionary& dict) const
 {
     const auto replaced = m4gnReplacer::last(mesh_);
 
@@ -200,21 +200,22 @@ Foam::dictionary Foam::functionObjects::m4gnHarvest::provenance(const dictionary
     return about;
 }
 
-bool Foam::functionObjects::m4gnHarvest::runComplete() const
+bool Foam::functionObjects::m4gnRecorder::runComplete() const
 {
     // In post-processing, end() is called after the last time, or an error
     // came before it
     return !postProcess && time_.value() >= time_.endTime().value() - 0.5 * time_.deltaTValue();
 }
 
-Foam::functionObjects::m4gnHarvest::m4gnHarvest(const word& name, const Time& runTime, const dictionary& dict)
+Foam::functionObjects::m4gnRecorder::m4gnRecorder(
+    const word& name, const Time& runTime, const dictionary& dict)
     : fvMeshFunctionObject(name, runTime, dict), stretches_(false), recorder_(nullptr), replaced_(-1),
       lastTime_(-VGREAT), finished_(false)
 {
     read(dict);
 }
 
-Foam::functionObjects::m4gnHarvest::~m4gnHarvest()
+Foam::functionObjects::m4gnRecorder::~m4gnRecorder()
 {
     if (runComplete()) {
         finish();
@@ -222,7 +223,7 @@ Foam::functionObjects::m4gnHarvest::~m4gnHarvest()
     m4gn_recorder_free(recorder_);
 }
 
-bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
+bool Foam::functionObjects::m4gnRecorder::read(const dictionary& dict)
 {
     if (nodes_) {
         // A change of controlDict while recording
@@ -257,9 +258,9 @@ bool Foam::functionObjects::m4gnHarvest::read(const dictionary& dict)
     return true;
 }
 
-bool Foam::functionObjects::m4gnHarvest::execute() { return true; }
+bool Foam::functionObjects::m4gnRecorder::execute() { return true; }
 
-bool Foam::functionObjects::m4gnHarvest::write()
+bool Foam::functionObjects::m4gnRecorder::write()
 {
     // The last time is executed twice if the run stops there (Time::run)
     if (finished_ || time_.value() <= lastTime_) {
@@ -289,26 +290,26 @@ bool Foam::functionObjects::m4gnHarvest::write()
 
     m4gn::check(
         m4gn_recorder_append(recorder_, time_.value(), fields_->view().data(), fields_->size()),
-        "m4gnHarvest cannot record a frame");
+        "m4gnRecorder cannot record a frame");
 
     lastTime_ = time_.value();
 
     return true;
 }
 
-bool Foam::functionObjects::m4gnHarvest::end()
+bool Foam::functionObjects::m4gnRecorder::end()
 {
     finish();
 
     return true;
 }
 
-void Foam::functionObjects::m4gnHarvest::updateMesh(const mapPolyMesh&)
+void Foam::functionObjects::m4gnRecorder::updateMesh(const mapPolyMesh&)
 {
     m4gn::refuseChange(*this, "a trajectory");
 }
 
-void Foam::functionObjects::m4gnHarvest::movePoints(const polyMesh&)
+void Foam::functionObjects::m4gnRecorder::movePoints(const polyMesh&)
 {
     m4gn::refuseMotion(*this, mesh_, "a trajectory");
 }
