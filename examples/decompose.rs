@@ -22,11 +22,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let fields = vec![Field::weighted("x", 1, vec![1.0; n])];
     let fit = FitSettings {
         window: states,
-        least: states,
-        tail: 1,
+        min_snapshots: states,
+        hold_out: 1,
         delays: vec![delays],
-        ranks: vec![rank],
-        growing: Some(true),
+        svd_rank: vec![rank],
+        unstable_modes: Some(true),
     };
     let mut linear = Linear::new(
         &Comm::serial(),

@@ -392,7 +392,7 @@ typedef struct m4gn_surrogate
     void* data; /* kept until the ride is freed, and handed to step */
 } m4gn_surrogate;
 
-/* An array of a solver's state on this rank. The linear surrogate hands back one combination of the run's states for all of them: what is
+/* An array of a solver's state on this rank. The dmd surrogate hands back one combination of the run's states for all of them: what is
  * linear in the arrays (continuity of face fluxes, fixed values) is kept to rounding. */
 typedef struct m4gn_ride_array
 {
@@ -418,7 +418,7 @@ typedef struct m4gn_ride_surrogates
         session; /* "network": its model. It must live as long as the ride, and the host may go on using it between calls */
     const m4gn_surrogate* own; /* or one of the host's own in its place, without adapt */
     const m4gn_ride_array*
-        arrays; /* "linear": the state that is fitted (higher-order dynamic mode decomposition) */
+        arrays; /* "dmd": the state that is fitted (higher-order dynamic mode decomposition) */
     int32_t n_arrays;
 } m4gn_ride_surrogates;
 
@@ -429,18 +429,18 @@ typedef struct m4gn_ride_surrogates
  *   name            default     meaning
  *   mode                        "replace", or "observe": the surrogates are compared with the solver, which runs as without them; must
  *                               be given
- *   surrogates      ["network"] or ["linear"], or both
+ *   surrogates      ["network"] or ["dmd"], or both
  *   name            ""          of the ride, in messages
- *   solver_steps                steps of the solver before each jump; must be given in mode replace, with linear 1
- *   surrogate_steps             strides of a jump, with control at most; must be given in mode replace, with linear `longest`
+ *   solver_steps                steps of the solver before each jump; must be given in mode replace, with dmd 1
+ *   surrogate_steps             strides of a jump, with control at most; must be given in mode replace, with dmd `maxJump`
  *   rollout_steps   50          mode observe: strides after which a rollout begins anew
  *   write_errors    false       mode observe: errors in each segment and at each cell
  *   time_start      null        the solver is alone before, s; null: from the start
  *   time_end        null        and after, s; null: to the end
- *   control         null        how far a jump may go (docs/control.md): {"tolerance": 0.05} suffices, and is there with linear in mode
+ *   control         null        how far a jump may go (docs/control.md): {"tolerance": 0.05} suffices, and is there with dmd in mode
  *                               replace; others: rel_tol (0.2), fields (["U"]; the first predicted one, of several surrogates the first
  *                               that all predict), on_failure ("solver", or "stop"), patience (10)
- *   linear          {}          how the linear surrogate is fitted, see below
+ *   dmd             {}          how the dmd surrogate is fitted, see below
  *   quantities      []          mode replace: results of other parts of the run, and how far off they may be at the end of a jump:
  *                               [{"object": "forces", "result": "Cd", "tolerance": 0.01}] (docs/control.md)
  *   adapt           null        the model learns the case (docs/adaptation.md): {"mode": "before"}; start: time of the first frame, s
@@ -450,22 +450,22 @@ typedef struct m4gn_ride_surrogates
  *   host            ""          any text that the host keeps in the state for itself, of the first rank (m4gn_ride_host)
  *   setup_seconds   0           wall time that making the session took, s: for the summary
  *
- * and those of linear
+ * and those of dmd
  *
- *   interval        null        time between states, the stride, s; null: 25 time steps
- *   tolerance       0.025       most that a fit may be off on the held-back end of its window, and in a stride after a jump, over what
+ *   snapshot_interval null        time between states, the stride, s; null: 25 time steps
+ *   jump_tolerance  0.02        most that a fit may be off on the held-back end of its window, and in a stride after a jump, over what
  *                               holding would be off by
- *   enough          0.005       error below which a fit is used at once; above it when three later tries are hardly better
- *   first           10          strides of the first jump of a fit
- *   growth          1.5         how much longer the next may be
- *   longest         200         strides of a jump at most
- *   every           5           strides of the solver between tries of a fit
+ *   fit_tolerance   0.005       error below which a fit is used at once; above it when three later tries are hardly better
+ *   initial_jump    10          strides of the first jump of a fit
+ *   jump_growth     1.5         how much longer the next may be
+ *   max_jump        200         strides of a jump at most
+ *   refit_interval  5           strides of the solver between tries of a fit
  *   window          40          states in a fit at most
- *   least           40          states without a gap that it needs
- *   tail            5           states that are held back
+ *   min_snapshots   40          states without a gap that it needs
+ *   hold_out        5           states that are held back
  *   delays          [5, 8, 12]  delays to choose from
- *   ranks           [12, 30]    ranks to choose from
- *   growing         null        whether modes may grow; null: the held-back states say
+ *   svd_rank        [12, 30]    ranks to choose from
+ *   unstable_modes  null        whether modes may grow; null: the held-back states say
  *   storage         "double"    or "single": how states are kept; sums are double with both
  *   file            null        where states are kept for a restart, a file a rank; null: they are not
  */
@@ -473,7 +473,7 @@ int32_t m4gn_ride_new(
     int32_t
         comm, /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI; duplicated. Not read with a session */
     const m4gn_ride_surrogates* surrogates,
-    const m4gn_mesh_data* mesh, /* of the session; NULL with linear alone */
+    const m4gn_mesh_data* mesh, /* of the session; NULL with dmd alone */
     const char* options, const m4gn_ride_step* start, m4gn_ride** ride);
 
 /* Collective. The arrays of the state after a step of the solver, where the last answer asks for them: after m4gn_ride_solved. */

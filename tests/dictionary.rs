@@ -7,12 +7,11 @@ use std::path::{Path, PathBuf};
 type Words = BTreeSet<String>;
 
 /// Where the settings are that dictionaries hand on to the core.
-const SETTINGS: [&str; 7] = [
+const SETTINGS: [&str; 6] = [
     "src/adapt/settings.rs",
-    "src/linear/choose.rs",
     "src/model/segmentation.rs",
     "src/ride/control.rs",
-    "src/ride/linear.rs",
+    "src/ride/dmd_settings.rs",
     "src/ride/settings.rs",
     "src/step/options.rs",
 ];

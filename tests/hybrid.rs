@@ -57,7 +57,7 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     assert!(number("short", "replaced") < number("hybrid", "replaced"));
     // No jump is within that tolerance: the solver goes on alone, which is a result
     assert_eq!((number("strict", "replaced"), number("strict", "end")), (0.0, 0.0));
-    let run = ["hybrid", "linear", "network-linear", "linear-loose", "short", "strict", "loose", "half"];
+    let run = ["hybrid", "dmd", "network-dmd", "dmd-loose", "short", "strict", "loose", "half"];
     for name in run {
         for key in ["first", "jump", "end", "drag", "cells"] {
             assert!(number(name, key).is_finite());

@@ -1,4 +1,4 @@
-//! A linear surrogate on several ranks against the same on one: run as `mpirun -np P <this binary>` for P = 1, 2, 3.
+//! A dmd surrogate on several ranks against the same on one: run as `mpirun -np P <this binary>` for P = 1, 2, 3.
 
 #[path = "ranks/mod.rs"]
 mod ranks;
@@ -31,7 +31,8 @@ fn part(all: &[f64], mine: &[usize]) -> Vec<f64> {
 fn surrogate(comm: &Comm, mine: &[usize], storage: Storage) -> m4gn_mesh::Result<Linear> {
     let volumes: Vec<f64> = mine.iter().map(|i| 1.0 + (i % 7) as f64).collect();
     let fields = vec![Field::weighted("U", 1, volumes), Field::carried("phi", mine.len())];
-    Linear::new(comm, fields, Settings { interval: 0.1, storage, fit: FitSettings::default(), held: 0 })
+    let fit = FitSettings { min_snapshots: 24, ..FitSettings::default() };
+    Linear::new(comm, fields, Settings { interval: 0.1, storage, fit, held: 0 })
 }
 
 fn run(comm: &Comm) -> Vec<String> {

@@ -46,7 +46,7 @@ fn networks_are_trained_once_and_compared_with_their_baselines() {
         "flow, all of it",
         "3 trajectories, U; mean ± standard deviation over seeds, 4 updates each. RMSE-all of M4GN is ",
         "M4GN, 2 segments",
-        "linear (HODMD)",
+        "dmd",
     ] {
         assert!(said.contains(expected), "{expected}: {said}");
     }

@@ -61,12 +61,11 @@ void Foam::m4gnModelState::refuseFrozen(const wordList& advanced) const
         for (const word& name : others) {
             names += (names.empty() ? "" : " ") + name;
         }
-        FatalErrorInFunction
-            << "The solver has equations in time for " << m4gn::join(others) << ", which the model "
-            << session_.model() << " does not predict: in each jump"
-            << " they would stay behind the other fields" << nl
-            << "    Train a model that predicts them, use surrogates (linear), or say frozen ("
-            << names.c_str() << "); if they may stay" << exit(FatalError);
+        FatalErrorInFunction << "The solver has equations in time for " << m4gn::join(others)
+                             << ", which the model " << session_.model() << " does not predict: in each jump"
+                             << " they would stay behind the other fields" << nl
+                             << "    Train a model that predicts them, use surrogates (dmd), or say frozen ("
+                             << names.c_str() << "); if they may stay" << exit(FatalError);
     }
 }
 

@@ -123,7 +123,7 @@ void Foam::m4gnRunState::checkCase()
     const string why(m4gn::notInFields(mesh_));
 
     if (why.size()) {
-        FatalErrorInFunction << "The linear surrogate cannot hand states of this case over to its"
+        FatalErrorInFunction << "The dmd surrogate cannot hand states of this case over to its"
                              << " solver: " << why.c_str() << exit(FatalError);
     }
 
@@ -136,8 +136,8 @@ void Foam::m4gnRunState::checkCase()
             const word used(m4gn::scheme(mesh_.schemesDict(), group, e.keyword()));
 
             if (!handled.found(used)) {
-                FatalErrorInFunction << "The linear surrogate does not handle the time scheme " << used
-                                     << " of " << group << " (" << e.keyword() << ')' << nl
+                FatalErrorInFunction << "The dmd surrogate does not handle the time scheme " << used << " of "
+                                     << group << " (" << e.keyword() << ')' << nl
                                      << "    Handled: " << m4gn::join(handled.sortedToc())
                                      << exit(FatalError);
             }
@@ -226,7 +226,7 @@ Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
     }
     if (measured_.empty()) {
         FatalErrorInFunction << "The solver has no field that it reads and writes: the"
-                             << " linear surrogate has nothing to be fitted to" << exit(FatalError);
+                             << " dmd surrogate has nothing to be fitted to" << exit(FatalError);
     }
     DynamicList<word> read, beside;
     for (const word& name : fields_) {
@@ -234,7 +234,7 @@ Foam::m4gnRunState::m4gnRunState(const fvMesh& mesh)
     }
     read_ = read;
     beside_ = beside;
-    Info << "m4gn: the linear surrogate advances " << m4gn::join(read_);
+    Info << "m4gn: the dmd surrogate advances " << m4gn::join(read_);
     if (beside_.size()) {
         Info << " and, with them, " << m4gn::join(beside_);
     }

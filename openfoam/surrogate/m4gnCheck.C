@@ -18,9 +18,10 @@ using namespace Foam;
 //- Steps after the jump that are watched, and those of which a time scale can be told
 const label most = 100, fewest = 20;
 
-//- Entries of the linear surrogate for a jump after a few states, however they are fitted
-const char* const early = "{ window 14; tail 3; delays (2 4); ranks (4 8); tolerance 1e30; enough "
-                          "1e30; first 1; longest 1; keep no; }";
+//- Entries of the dmd surrogate for a jump after a few states, however they are fitted
+const char* const early =
+    "{ window 14; holdOut 3; delays (2 4); svdRank (4 8); jumpTolerance 1e30; fitTolerance "
+    "1e30; initialJump 1; maxJump 1; keep no; }";
 
 dictionary parsed(const std::string& text)
 {
@@ -65,8 +66,8 @@ Foam::dictionary Foam::m4gnCheck::jumping() const
 {
     dictionary own(m4gn::without(dict_, {"report", "seconds"}));
     own.set("mode", word("replace"));
-    if (m4gnRide::has(own, "linear")) {
-        own.merge(parsed(std::string("linear ") + early + " control { tolerance 1e30; relTol 1e30; }"));
+    if (m4gnRide::has(own, "dmd")) {
+        own.merge(parsed(std::string("dmd ") + early + " control { tolerance 1e30; relTol 1e30; }"));
     } else {
         own.set("solverSteps", 5);
         own.set("surrogateSteps", 1);
@@ -76,8 +77,8 @@ Foam::dictionary Foam::m4gnCheck::jumping() const
 
 void Foam::m4gnCheck::setInterval(dictionary& dict) const
 {
-    if (m4gnRide::has(dict, "linear")) {
-        dict.subDict("linear").set("interval", mesh_.time().deltaTValue());
+    if (m4gnRide::has(dict, "dmd")) {
+        dict.subDict("dmd").set("snapshotInterval", mesh_.time().deltaTValue());
     }
 }
 

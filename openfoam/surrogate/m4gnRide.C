@@ -113,12 +113,12 @@ Foam::m4gnRide::m4gnRide(
     }
 
     if (run) {
-        dictionary linear(own.subOrEmptyDict("linear"));
-        if (linear.getOrDefault<bool>("keep", true)) {
-            linear.set("file", string(mesh.time().globalPath() / "postProcessing" / name / "states"));
+        dictionary dmd(own.subOrEmptyDict("dmd"));
+        if (dmd.getOrDefault<bool>("keep", true)) {
+            dmd.set("file", string(mesh.time().globalPath() / "postProcessing" / name / "states"));
         }
-        linear.remove("keep");
-        own.set("linear", linear);
+        dmd.remove("keep");
+        own.set("dmd", dmd);
     }
 
     // It is made after the first step
@@ -156,7 +156,7 @@ bool Foam::m4gnRide::has(const dictionary& dict, const word& kind) { return kind
 
 Foam::wordList Foam::m4gnRide::keys()
 {
-    return {"mode",        "surrogates", "linear",  "solverSteps", "surrogateSteps", "rolloutSteps",
+    return {"mode",        "surrogates", "dmd",     "solverSteps", "surrogateSteps", "rolloutSteps",
             "writeErrors", "adapt",      "control", "quantities",  "writePrecision"};
 }
 
@@ -167,12 +167,12 @@ void Foam::m4gnRide::checkDictionary(const dictionary& dict)
         own.subDict("adapt").get<bool>("writeModel");
         own.subDict("adapt").remove("writeModel");
     }
-    if (own.subOrEmptyDict("linear").found("keep")) {
-        own.subDict("linear").get<bool>("keep");
-        own.subDict("linear").remove("keep");
+    if (own.subOrEmptyDict("dmd").found("keep")) {
+        own.subDict("dmd").get<bool>("keep");
+        own.subDict("dmd").remove("keep");
     }
-    if (own.subOrEmptyDict("linear").found("file")) {
-        FatalIOErrorInFunction(dict) << "linear has no entry file: keep says whether states are kept"
+    if (own.subOrEmptyDict("dmd").found("file")) {
+        FatalIOErrorInFunction(dict) << "dmd has no entry file: keep says whether states are kept"
                                      << exit(FatalIOError);
     }
     if (m4gn_options_check("ride", settings(own).c_str()) != M4GN_OK) {
@@ -212,9 +212,9 @@ m4gn_ride_answer Foam::m4gnRide::decide(const m4gn_ride_answer& asked)
 m4gn_ride_answer Foam::m4gnRide::stride(const m4gn_ride_answer& asked, List<scalarField>& predicted)
 {
     const word& kind = kinds_[asked.surrogate];
-    const bool linear = kind == "linear";
-    const std::vector<m4gn_field> fields(gather(!linear, linear));
-    if (linear) {
+    const bool dmd = kind == "dmd";
+    const std::vector<m4gn_field> fields(gather(!dmd, dmd));
+    if (dmd) {
         const std::vector<const double*> inputs(run_->inputs(asked.duration));
         m4gn::check(m4gn_ride_inputs(ride_, inputs.data(), inputs.size()), "m4gnSurrogate cannot step");
     }
@@ -222,7 +222,7 @@ m4gn_ride_answer Foam::m4gnRide::stride(const m4gn_ride_answer& asked, List<scal
     std::vector<m4gn_field_out> outputs(to.size());
     predicted.resize(to.size());
     forAll(predicted, i) {
-        predicted[i].resize(to[i].components * (linear ? run_->nValues() : session_->nodes().size()));
+        predicted[i].resize(to[i].components * (dmd ? run_->nValues() : session_->nodes().size()));
         outputs[i].name = to[i].name;
         outputs[i].components = to[i].components;
         outputs[i].cells = predicted[i].data();
@@ -232,18 +232,18 @@ m4gn_ride_answer Foam::m4gnRide::stride(const m4gn_ride_answer& asked, List<scal
             return m4gn_ride_stride(ride_, fields.data(), fields.size(), outputs.data(), outputs.size(), a);
         },
         "m4gnSurrogate cannot step");
-    if (linear && answer.action == M4GN_RIDE_ADVANCE) {
+    if (dmd && answer.action == M4GN_RIDE_ADVANCE) {
         const std::vector<double*> places(run_->places());
         m4gn::check(m4gn_ride_arrays(ride_, 0, places.data(), places.size()), "m4gnSurrogate cannot step");
     }
     // What a network advances to is in the fields alone
-    gathered_ = gathered_ && linear;
+    gathered_ = gathered_ && dmd;
     return answer;
 }
 
 bool Foam::m4gnRide::setOldLevels(const label surrogatei, const scalar deltaT)
 {
-    if (kinds_[surrogatei] != "linear" || !run_->nOldLevels()) {
+    if (kinds_[surrogatei] != "dmd" || !run_->nOldLevels()) {
         return false;
     }
     const std::vector<double*> places(run_->places());

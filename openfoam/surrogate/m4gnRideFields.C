@@ -50,7 +50,7 @@ Foam::label Foam::m4gnRide::correctors() const
     return solves.size() ? solves.size() : -1;
 }
 
-std::vector<m4gn_field> Foam::m4gnRide::gather(const bool network, const bool linear)
+std::vector<m4gn_field> Foam::m4gnRide::gather(const bool network, const bool dmd)
 {
     std::vector<m4gn_field> fields;
 
@@ -58,7 +58,7 @@ std::vector<m4gn_field> Foam::m4gnRide::gather(const bool network, const bool li
         fields_.gather(session_->nodes());
         fields = fields_.view();
     }
-    if (linear && run_) {
+    if (dmd && run_) {
         if (!gathered_) {
             run_->gather();
         }
@@ -75,7 +75,7 @@ std::vector<m4gn_field> Foam::m4gnRide::gather(const bool network, const bool li
 
 std::vector<m4gn_field> Foam::m4gnRide::advances(const word& kind) const
 {
-    if (kind == "linear") {
+    if (kind == "dmd") {
         return run_->measured();
     }
     std::vector<m4gn_field> all(session_->outputs().size());
@@ -95,7 +95,7 @@ std::vector<const int32_t*> Foam::m4gnRide::held(const bool wanted)
     }
 
     held_.resize(fields_.size());
-    // Of the fields of a linear surrogate alone none is asked for
+    // Of the fields of a dmd surrogate alone none is asked for
     marks.resize(fields_.size() + (run_ ? run_->measured().size() : 0), nullptr);
     for (label fieldi = 0; fieldi < fields_.size(); ++fieldi) {
         const word& name = fields_.name(fieldi);

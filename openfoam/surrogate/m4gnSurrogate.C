@@ -63,7 +63,7 @@ void Foam::functionObjects::m4gnSurrogate::load()
     const wordList kinds(m4gnRide::kinds(dict_));
     states_.resize(kinds.size());
     forAll(kinds, i) {
-        if (kinds[i] == "linear") {
+        if (kinds[i] == "dmd") {
             run = new m4gnRunState(mesh_);
             states_.set(i, run);
             continue;
@@ -211,7 +211,7 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     ownKeys_ = m4gnRide::keys();
     ownKeys_.append(wordList({"phi", "state", "frozen", "executeOthers", "writeToFile", "useUserTime"}));
     ownKeys_.append(m4gnSolverState::keys(dict));
-    m4gn::checkDictionaries(dict, {"nodeTypes", "segments", "projection", "adapt", "control", "linear"});
+    m4gn::checkDictionaries(dict, {"nodeTypes", "segments", "projection", "adapt", "control", "dmd"});
     m4gnOthers::checkDictionary(dict);
     m4gnRide::checkDictionary(dict);
     if (m4gnRide::has(dict, "network")) {

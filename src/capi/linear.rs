@@ -1,4 +1,4 @@
-//! The arrays of a solver's state, which a linear surrogate is fitted to.
+//! The arrays of a solver's state, which a dmd surrogate is fitted to.
 
 use super::raw;
 use m4gn_linear::{Field, Weight};

@@ -242,7 +242,7 @@ struct Setup {
     settings: RideSettings,
     learning: Option<adapt::Settings>,
     start: Step,
-    /// None of a linear surrogate alone.
+    /// None of a dmd surrogate alone.
     mesh: Option<Mesh>,
     own: Option<Own>,
     arrays: Option<(Vec<Array>, Vec<Advanced>)>,
@@ -278,12 +278,12 @@ impl Setup {
                 }
                 _ => {}
             }
-            match (settings.has(Kind::Linear), given.n_arrays > 0) {
+            match (settings.has(Kind::Dmd), given.n_arrays > 0) {
                 (true, false) => {
-                    return bad("the settings name linear, and there are no arrays of the state");
+                    return bad("the settings name dmd, and there are no arrays of the state");
                 }
                 (false, true) => {
-                    return bad("there are arrays of the state, and the settings do not name linear");
+                    return bad("there are arrays of the state, and the settings do not name dmd");
                 }
                 _ => {}
             }
@@ -370,7 +370,7 @@ unsafe fn new(
                 (Kind::Network, None, None) => {
                     return Err(Error::Internal("a network without a mesh".into()));
                 }
-                (Kind::Linear, kept, _) => {
+                (Kind::Dmd, kept, _) => {
                     own = kept;
                     let (fields, advanced) = arrays.take().unwrap_or_default();
                     lengths = fields.iter().map(|f| f.len).collect();
@@ -380,8 +380,8 @@ unsafe fn new(
                         rows = first.map_or(0, |f| f.len / f.components.max(1));
                     }
                     let observes = settings.mode == Mode::Observe;
-                    let linear = settings.linear.clone().unwrap_or_default();
-                    Box::new(Fitted::new(&comm, fields, advanced, linear, observes, &start)?)
+                    let dmd = settings.dmd.clone().unwrap_or_default();
+                    Box::new(Fitted::new(&comm, fields, advanced, dmd, observes, &start)?)
                 }
             });
         }

@@ -18,12 +18,12 @@ use std::time::Duration;
 
 /// Run many unseen cases of a family with and without the surrogate, and compare: errors, forces, times
 ///
-/// Of each draw the plain solver runs once over the whole time span, then the hybrids with the family's schedule (a network's, the linear
+/// Of each draw the plain solver runs once over the whole time span, then the hybrids with the family's schedule (a network's, the dmd
 /// surrogate's, both), each --variant and each cheaper plain solver. What is finished is kept in --out, so that the same command goes on where it was stopped; a run
 /// that was made with other settings is made anew. Exit status 1 if any run failed. See docs/hybrid.md.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The network (*.safetensors); without it the linear surrogate alone is run
+    /// The network (*.safetensors); without it the dmd surrogate alone is run
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// Family of cases: its name, or a folder with family.toml
@@ -37,7 +37,7 @@ pub struct Args {
     seed: u64,
     #[command(flatten)]
     set: SetArgs,
-    /// A further hybrid, of the network or, without --model, of the linear surrogate: FILE has entries for the function object m4gnSurrogate, which replace or join the usual ones; parameters
+    /// A further hybrid, of the network or, without --model, of the dmd surrogate: FILE has entries for the function object m4gnSurrogate, which replace or join the usual ones; parameters
     /// of its case can follow, NAME=FILE,PARAMETER=VALUE,...
     #[arg(long, value_name = "NAME=FILE")]
     variant: Vec<String>,

@@ -11,33 +11,32 @@ const SAME: f64 = 1e-6;
 /// A candidate is better than one before it if its error is below this times the other's.
 const BETTER: f64 = 0.95;
 
-/// What fits are made of. The defaults are for any case; `interval` is the case's.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+/// What fits are made of.
+#[derive(Clone, Debug, PartialEq)]
 pub struct FitSettings {
     /// Snapshots in a fit at most.
     pub window: usize,
     /// Snapshots without a gap, the last one included, that a fit needs at least.
-    pub least: usize,
+    pub min_snapshots: usize,
     /// Snapshots at the end of the window that the choice is made by.
-    pub tail: usize,
+    pub hold_out: usize,
     /// Delays to choose from.
     pub delays: Vec<usize>,
     /// Ranks to choose from.
-    pub ranks: Vec<usize>,
+    pub svd_rank: Vec<usize>,
     /// Whether modes may grow; none: the tail says.
-    pub growing: Option<bool>,
+    pub unstable_modes: Option<bool>,
 }
 
 impl Default for FitSettings {
     fn default() -> Self {
         FitSettings {
             window: 40,
-            least: 24,
-            tail: 5,
+            min_snapshots: 40,
+            hold_out: 5,
             delays: vec![5, 8, 12],
-            ranks: vec![12, 30],
-            growing: None,
+            svd_rank: vec![12, 30],
+            unstable_modes: None,
         }
     }
 }
@@ -48,26 +47,29 @@ impl FitSettings {
     /// # Errors
     /// [`Error::Input`] naming the entry, what was found and what is expected.
     pub fn check(&self) -> Result<()> {
-        let bad = |text: String| Err(Error::Input(format!("linear: {text}")));
-        if self.tail == 0 {
-            return bad("tail 0: expected at least 1 snapshot".into());
+        let bad = |text: String| Err(Error::Input(format!("dmd: {text}")));
+        if self.hold_out == 0 {
+            return bad("holdOut 0: expected at least 1 snapshot".into());
         }
         if self.delays.is_empty() || self.delays.contains(&0) {
             return bad(format!("delays {:?}: expected numbers of states, at least 1", self.delays));
         }
-        if self.ranks.is_empty() || self.ranks.contains(&0) {
-            return bad(format!("ranks {:?}: expected numbers of directions, at least 1", self.ranks));
+        if self.svd_rank.is_empty() || self.svd_rank.contains(&0) {
+            return bad(format!("svdRank {:?}: expected numbers of directions, at least 1", self.svd_rank));
         }
         let fewest =
-            self.tail.saturating_add(2).saturating_add(self.delays.iter().min().copied().unwrap_or(1));
-        if self.least < fewest {
+            self.hold_out.saturating_add(2).saturating_add(self.delays.iter().min().copied().unwrap_or(1));
+        if self.min_snapshots < fewest {
             return bad(format!(
-                "least {}: expected at least {fewest}: tail, the fewest delays, and 2 states to learn from",
-                self.least
+                "minSnapshots {}: expected at least {fewest}: holdOut, the fewest delays, and 2 states to learn from",
+                self.min_snapshots
             ));
         }
-        if self.window < self.least || self.window > 1000 {
-            return bad(format!("window {}: expected least ({}) to 1000 snapshots", self.window, self.least));
+        if self.window < self.min_snapshots || self.window > 1000 {
+            return bad(format!(
+                "window {}: expected minSnapshots ({}) to 1000 snapshots",
+                self.window, self.min_snapshots
+            ));
         }
         Ok(())
     }
@@ -173,7 +175,7 @@ pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings) -> Option<Fi
     let all: Vec<(i64, usize)> = snapshots.entries.iter().map(|e| (e.number, e.slot)).collect();
     let gap = all.windows(2).rposition(|p| p[1].0 - p[0].0 != 1).map_or(0, |i| i + 1);
     let stretch = all.len() - gap;
-    if stretch < settings.least {
+    if stretch < settings.min_snapshots {
         return None;
     }
     let mut best: Option<Candidate> = None;
@@ -181,26 +183,28 @@ pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings) -> Option<Fi
         let (numbers, slots): (Vec<i64>, Vec<usize>) = all[all.len() - length..].iter().copied().unzip();
         let variation = variations(snapshots, &slots);
         let whole = window(snapshots, &slots, &numbers, &variation);
-        let part = whole.part(0..length - settings.tail);
+        let part = whole.part(0..length - settings.hold_out);
         // Squares of windows of another length are over another variation.
-        let scale = 1.0 / hold(&whole, settings.tail);
-        let most = settings.ranks.iter().copied().max()?;
-        for &delays in settings.delays.iter().filter(|q| *q + 2 + settings.tail <= length) {
+        let scale = 1.0 / hold(&whole, settings.hold_out);
+        let most = settings.svd_rank.iter().copied().max()?;
+        for &delays in settings.delays.iter().filter(|q| *q + 2 + settings.hold_out <= length) {
             let Some(delayed) = Delayed::new(&part, delays, most) else {
                 continue;
             };
             let mut tried = Vec::new();
-            for &rank in &settings.ranks {
+            for &rank in &settings.svd_rank {
                 let rank = rank.min(delayed.rank());
                 for growing in [false, true] {
-                    if settings.growing.is_some_and(|g| g != growing) || tried.contains(&(rank, growing)) {
+                    if settings.unstable_modes.is_some_and(|g| g != growing)
+                        || tried.contains(&(rank, growing))
+                    {
                         continue;
                     }
                     tried.push((rank, growing));
                     let Some(dmd) = delayed.modes(rank, growing) else {
                         continue;
                     };
-                    let (sum, predictions) = score(&whole, &dmd, settings.tail);
+                    let (sum, predictions) = score(&whole, &dmd, settings.hold_out);
                     let score = (sum * scale).max(SAME * SAME);
                     if best.as_ref().is_none_or(|b| score < BETTER * BETTER * b.score) {
                         let shape = Shape { delays, rank, growing };
@@ -224,7 +228,7 @@ fn lengths(stretch: usize, settings: &FitSettings) -> Vec<usize> {
     let longest = stretch.min(settings.window);
     let mut lengths = vec![longest];
     let shorter = longest * 2 / 3;
-    if shorter >= settings.least {
+    if shorter >= settings.min_snapshots {
         lengths.push(shorter);
     }
     lengths

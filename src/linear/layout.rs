@@ -63,7 +63,7 @@ impl Field {
 
 /// Checks names, lengths and weights of a state's fields.
 pub(crate) fn check(fields: &[Field]) -> Result<()> {
-    let bad = |name: &str, problem: String| Err(Error::Input(format!("linear: field {name}: {problem}")));
+    let bad = |name: &str, problem: String| Err(Error::Input(format!("dmd: field {name}: {problem}")));
     for (i, f) in fields.iter().enumerate() {
         if f.name.is_empty() || fields[..i].iter().any(|g| g.name == f.name) {
             return bad(&f.name, "expected a name that no other field has".into());
@@ -88,7 +88,7 @@ pub(crate) fn check(fields: &[Field]) -> Result<()> {
     }
     if !fields.iter().any(Field::measured) {
         return Err(Error::Input(
-            "linear: expected at least one field with a weight in the inner product".into(),
+            "dmd: expected at least one field with a weight in the inner product".into(),
         ));
     }
     Ok(())

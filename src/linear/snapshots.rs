@@ -200,9 +200,9 @@ impl Snapshots {
         comm.agree(check(&fields))?;
         let single = i64::from(storage == Storage::Single);
         let options = [
-            ("number of fields of the linear surrogate", fields.len() as i64),
-            ("snapshots of the linear surrogate", capacity as i64),
-            ("storage of the linear surrogate", single),
+            ("number of fields of the dmd surrogate", fields.len() as i64),
+            ("snapshots of the dmd surrogate", capacity as i64),
+            ("storage of the dmd surrogate", single),
         ];
         same_on_all_ranks(comm, &options)?;
         let names: String = fields
@@ -321,7 +321,7 @@ impl Snapshots {
     fn check(&self, number: i64, state: &[&[f64]]) -> Result<()> {
         if state.len() != self.fields.len() {
             return Err(Error::Input(format!(
-                "linear: a state of {} fields: expected {}",
+                "dmd: a state of {} fields: expected {}",
                 state.len(),
                 self.fields.len()
             )));
@@ -329,7 +329,7 @@ impl Snapshots {
         for (f, x) in self.fields.iter().zip(state) {
             if x.len() != f.len {
                 return Err(Error::Input(format!(
-                    "linear: field {}: {} values: expected {}",
+                    "dmd: field {}: {} values: expected {}",
                     f.name,
                     x.len(),
                     f.len
@@ -337,14 +337,14 @@ impl Snapshots {
             }
             if let Some(i) = x.iter().position(|v| !v.is_finite()) {
                 return Err(Error::Input(format!(
-                    "linear: field {}: value {i} is {}: expected finite numbers",
+                    "dmd: field {}: value {i} is {}: expected finite numbers",
                     f.name, x[i]
                 )));
             }
         }
         match self.entries.last() {
             Some(last) if last.number >= number => Err(Error::Input(format!(
-                "linear: state number {number} after {}: expected a later one",
+                "dmd: state number {number} after {}: expected a later one",
                 last.number
             ))),
             _ => Ok(()),

@@ -80,7 +80,7 @@ impl Store {
             .map_err(|e| bad(format!("cannot be read: {e}")))?;
         let mut magic = [0; 8];
         if file.read_exact(&mut magic).is_err() || &magic != MAGIC {
-            return Err(bad("expected snapshots of a linear surrogate, found another format".into()));
+            return Err(bad("expected snapshots of a dmd surrogate, found another format".into()));
         }
         let longest: usize = 64 + snapshots.fields().iter().map(|f| 16 + f.len * 8).sum::<usize>();
         let described = header(snapshots);

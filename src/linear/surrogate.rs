@@ -17,20 +17,16 @@ use std::time::Instant;
 /// Snapshots beyond the window: those that come while a fit is in use.
 const BESIDE: usize = 8;
 
-/// Settings of a linear surrogate.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// Settings of a dmd surrogate.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// Time between snapshots, s: the stride.
     pub interval: f64,
     /// How snapshots are kept.
-    #[serde(default)]
     pub storage: Storage,
     /// What fits are made of.
-    #[serde(default)]
     pub fit: FitSettings,
     /// Snapshots that are kept beside the window while an [`Outlook`] is held.
-    #[serde(default)]
     pub held: usize,
 }
 
@@ -63,7 +59,7 @@ pub struct State {
     predicted: VecDeque<Predicted>,
 }
 
-/// A linear surrogate of a run.
+/// A dmd surrogate of a run.
 pub struct Linear {
     settings: Settings,
     snapshots: Snapshots,
@@ -85,11 +81,11 @@ impl Linear {
         let checked = match settings.interval.is_finite() && settings.interval > 0.0 {
             true => settings.fit.check(),
             false => Err(Error::Input(format!(
-                "linear: interval {}: expected a time above 0, s",
+                "dmd: snapshotInterval {}: expected a time above 0, s",
                 settings.interval
             ))),
         };
-        comm.agree_with(checked, &format!("linear {settings:?}"))?;
+        comm.agree_with(checked, &format!("dmd {settings:?}"))?;
         let snapshots =
             Snapshots::new(comm, fields, settings.storage, settings.fit.window + settings.held + BESIDE)?;
         Ok(Linear {
@@ -147,9 +143,7 @@ impl Linear {
         let mut next = match before {
             None => 0,
             Some(before) if before >= time => {
-                return Err(Error::Input(format!(
-                    "linear: time {time} after {before}: expected a later one"
-                )));
+                return Err(Error::Input(format!("dmd: time {time} after {before}: expected a later one")));
             }
             Some(before) => grid.after(before),
         };
@@ -345,7 +339,7 @@ impl Linear {
     /// [`Error::Input`] where there are snapshots already.
     pub fn restore(&mut self, path: &Path, state: State) -> Result<String> {
         if !self.snapshots.entries.is_empty() {
-            return Err(Error::Input("linear: a state is restored before the first snapshot".into()));
+            return Err(Error::Input("dmd: a state is restored before the first snapshot".into()));
         }
         let Some(&last) = state.kept.last() else {
             self.state = state;

@@ -35,6 +35,11 @@ impl Waves {
     }
 }
 
+/// Fits of shorter stretches than in a run.
+fn fit() -> FitSettings {
+    FitSettings { min_snapshots: 24, ..FitSettings::default() }
+}
+
 fn settings(fit: FitSettings) -> Settings {
     Settings { interval: 0.5, storage: Storage::Double, fit, held: 0 }
 }
@@ -42,7 +47,7 @@ fn settings(fit: FitSettings) -> Settings {
 fn two(storage: Storage) -> Linear {
     let volumes = (0..N).map(|i| 1.0 + (i % 3) as f64).collect();
     let fields = vec![Field::weighted("U", 1, volumes), Field::carried("phi", N + 1)];
-    Linear::new(&Comm::serial(), fields, Settings { storage, ..settings(FitSettings::default()) }).unwrap()
+    Linear::new(&Comm::serial(), fields, Settings { storage, ..settings(fit()) }).unwrap()
 }
 
 /// `phi` is a linear function of U: differences, and a last value that never changes.
@@ -154,7 +159,7 @@ fn growth_is_kept_where_the_tail_says_so_and_clipped_where_it_is_told() {
     let waves = Waves::new(&[(1.03, 0.6)]);
     for (growing, expected) in [(None, 1.03), (Some(true), 1.03), (Some(false), 1.0)] {
         let fields = vec![Field { weight: Weight::One, ..Field::weighted("U", 1, vec![1.0; N]) }];
-        let fit = FitSettings { growing, ..FitSettings::default() };
+        let fit = FitSettings { unstable_modes: growing, ..fit() };
         let mut linear = Linear::new(&Comm::serial(), fields, settings(fit)).unwrap();
         for k in 0..30 {
             linear.offer(k as f64 * 0.5, 0.5, &[&waves.at(k as f64)]).unwrap();
@@ -258,7 +263,7 @@ fn samples_between_steps_are_interpolated() {
 #[test]
 fn positive_fields_stay_above_the_least_of_the_window() {
     let fields = vec![Field { positive: true, ..Field::weighted("k", 1, vec![1.0; 2]) }];
-    let fit = FitSettings { growing: Some(true), ..FitSettings::default() };
+    let fit = FitSettings { unstable_modes: Some(true), ..fit() };
     let mut linear = Linear::new(&Comm::serial(), fields, settings(fit)).unwrap();
     let state = |k: f64| [2.0 + 1.02f64.powf(k) * (0.4 * k).cos(), 5.0 + (0.4 * k).sin()];
     let mut least = f64::INFINITY;
@@ -354,18 +359,18 @@ fn what_is_wrong_is_named() {
     let comm = Comm::serial();
     let field = || Field::weighted("U", 1, vec![1.0; 3]);
     let of = |fields: Vec<Field>, s: Settings| Linear::new(&comm, fields, s).err().unwrap().to_string();
-    let good = || settings(FitSettings::default());
+    let good = || settings(fit());
     assert!(of(vec![field(), field()], good()).contains("no other field"));
     assert!(of(vec![Field::carried("phi", 2)], good()).contains("weight"));
     assert!(of(vec![Field { len: 4, ..field() }], good()).contains("weights"));
     assert!(of(vec![Field::weighted("U", 1, vec![-1.0])], good()).contains("not below 0"));
     assert!(of(vec![field()], Settings { interval: 0.0, ..good() }).contains("interval"));
     for (fit, words) in [
-        (FitSettings { tail: 0, ..FitSettings::default() }, "tail"),
-        (FitSettings { least: 4, ..FitSettings::default() }, "least"),
-        (FitSettings { window: 10, ..FitSettings::default() }, "window"),
-        (FitSettings { delays: vec![], ..FitSettings::default() }, "delays"),
-        (FitSettings { ranks: vec![0], ..FitSettings::default() }, "ranks"),
+        (FitSettings { hold_out: 0, ..fit() }, "holdOut"),
+        (FitSettings { min_snapshots: 4, ..fit() }, "minSnapshots"),
+        (FitSettings { window: 10, ..fit() }, "window"),
+        (FitSettings { delays: vec![], ..fit() }, "delays"),
+        (FitSettings { svd_rank: vec![0], ..fit() }, "svdRank"),
     ] {
         assert!(of(vec![field()], settings(fit)).contains(words), "{words}");
     }

@@ -8,6 +8,7 @@
 mod arrays;
 mod choice;
 pub mod control;
+mod dmd_settings;
 mod jump;
 mod linear;
 #[cfg(test)]
@@ -34,7 +35,8 @@ mod toy;
 mod values;
 mod watch;
 
-pub use linear::{Fitted, LinearSettings};
+pub use dmd_settings::DmdSettings;
+pub use linear::Fitted;
 pub use log::Text;
 pub use network::Network;
 pub use quantities::QuantitySettings;

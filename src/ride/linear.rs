@@ -1,14 +1,13 @@
 //! The surrogate that is fitted to the run's own states: when it is fitted, and how far it lets itself jump.
 //!
 //! A fit is used if it predicts the held-back end of its window to a share of what holding the last state would be off by, and waiting
-//! would not better it. A jump has `first` strides. A stride beside the solver after the jump that agrees to twice that share lets the next one
+//! would not better it. A jump has `initialJump` strides. A stride beside the solver after the jump that agrees to twice that share lets the next one
 //! be longer; one that agrees to the tolerance lets it be shorter; else the solver goes on until a new fit holds.
 
+use crate::dmd_settings::DmdSettings;
 use crate::schedule::Step;
 use crate::surrogate::{Advanced, Surrogate};
-use m4gn_linear::{
-    Combination, Field as Array, FitSettings, Linear, Outlook, Settings, State, Storage, relative,
-};
+use m4gn_linear::{Combination, Field as Array, Linear, Outlook, Settings, State, relative};
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_step::{Field, FieldMut};
@@ -27,109 +26,6 @@ const FALLS: f64 = 0.7;
 
 /// Error below which later fits are likely to hold.
 const PROMISING: f64 = 0.2;
-
-/// Most strides of a jump: more than any run has, and few enough for a number each.
-const LONGEST: usize = 1_000_000;
-
-/// Settings of a linear surrogate in a run. All have defaults.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct LinearSettings {
-    /// Time between snapshots, s; none: 25 of the solver's steps at the start.
-    pub interval: Option<f64>,
-    /// Largest error of the held-back tail, and of a stride after a jump, over what holding would be off by.
-    pub tolerance: f64,
-    /// Error below which a fit is used at once; above it, within the tolerance, only once waiting does not better it.
-    pub enough: f64,
-    /// Strides of the first jump of a fit.
-    pub first: usize,
-    /// How much longer the next jump may be.
-    pub growth: f64,
-    /// Strides of a jump at most.
-    pub longest: usize,
-    /// Strides of the solver between tries of a fit.
-    pub every: usize,
-    /// Snapshots in a fit at most.
-    pub window: usize,
-    /// Snapshots without a gap that a fit needs; none: the window, since the first states after a jump are not yet the solver's own.
-    pub least: Option<usize>,
-    /// Snapshots that are held back.
-    pub tail: usize,
-    /// Delays to choose from.
-    pub delays: Vec<usize>,
-    /// Ranks to choose from.
-    pub ranks: Vec<usize>,
-    /// Whether modes may grow; none: the tail says.
-    pub growing: Option<bool>,
-    /// How snapshots are kept: double or single.
-    pub storage: Storage,
-    /// Where the snapshots are kept for a run that is carried on, a file a rank; none: they are not.
-    pub file: Option<PathBuf>,
-}
-
-impl Default for LinearSettings {
-    fn default() -> Self {
-        let fit = FitSettings::default();
-        LinearSettings {
-            interval: None,
-            tolerance: 0.02,
-            enough: 0.005,
-            first: 10,
-            growth: 1.5,
-            longest: 200,
-            every: 5,
-            window: fit.window,
-            least: None,
-            tail: fit.tail,
-            delays: fit.delays,
-            ranks: fit.ranks,
-            growing: fit.growing,
-            storage: Storage::default(),
-            file: None,
-        }
-    }
-}
-
-impl LinearSettings {
-    fn least(&self) -> usize {
-        self.least.unwrap_or(self.window)
-    }
-
-    fn fit(&self) -> FitSettings {
-        FitSettings {
-            window: self.window,
-            least: self.least(),
-            tail: self.tail,
-            delays: self.delays.clone(),
-            ranks: self.ranks.clone(),
-            growing: self.growing,
-        }
-    }
-
-    pub(crate) fn check(&self) -> Result<()> {
-        let bad = |text: String| Err(Error::Input(format!("linear: {text}")));
-        let above = |v: f64| v.is_finite() && v > 0.0;
-        if let Some(interval) = self.interval.filter(|v| !above(*v)) {
-            return bad(format!("interval {interval}: expected a time above 0, s"));
-        }
-        if !above(self.tolerance) {
-            return bad(format!("tolerance {}: expected an error above 0, such as 0.02", self.tolerance));
-        }
-        if !above(self.enough) {
-            return bad(format!("enough {}: expected an error above 0, such as 0.005", self.enough));
-        }
-        if !(self.growth.is_finite() && self.growth >= 1.0) {
-            return bad(format!("growth {}: expected at least 1", self.growth));
-        }
-        if self.first == 0 || self.every == 0 || !(self.first..=LONGEST).contains(&self.longest) {
-            return bad(format!(
-                "first {}, longest {}, every {}: expected at least 1 stride each, and longest from first to {LONGEST}",
-                self.first, self.longest, self.every
-            ));
-        }
-        self.fit().check()
-    }
-}
 
 /// What is kept for a run that is carried on, beside the snapshots.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -154,10 +50,10 @@ struct Kept {
     turn: f64,
 }
 
-/// A linear surrogate in a run.
+/// A dmd surrogate in a run.
 pub struct Fitted {
     linear: Linear,
-    settings: LinearSettings,
+    settings: DmdSettings,
     advanced: Vec<Advanced>,
     /// Which array each advanced field is.
     places: Vec<usize>,
@@ -185,23 +81,23 @@ impl Fitted {
         comm: &Comm,
         arrays: Vec<Array>,
         advanced: Vec<Advanced>,
-        settings: LinearSettings,
+        settings: DmdSettings,
         observes: bool,
         start: &Step,
     ) -> Result<Self> {
         let place = |a: &Advanced| {
             let found = arrays.iter().position(|f| f.name == a.name);
-            found.ok_or_else(|| Error::Input(format!("linear: no array {} among those of the state", a.name)))
+            found.ok_or_else(|| Error::Input(format!("dmd: no array {} among those of the state", a.name)))
         };
         let places: Vec<usize> = comm.agree(advanced.iter().map(place).collect::<Result<_>>())?;
         let held = if observes { settings.window } else { 0 };
-        let interval = settings.interval.unwrap_or(STEPS * start.delta_t);
+        let interval = settings.snapshot_interval.unwrap_or(STEPS * start.delta_t);
         let own = Settings { interval, storage: settings.storage, fit: settings.fit(), held };
         let linear = Linear::new(comm, arrays, own)?;
         let mut bytes = [linear.snapshots().memory() as f64];
         comm.sum_f64(&mut bytes);
         let note = format!(
-            "m4gn: the linear surrogate keeps up to {} states {interval} s apart: {:.1} MiB on all ranks\n\n",
+            "m4gn: the dmd surrogate keeps up to {} states {interval} s apart: {:.1} MiB on all ranks\n\n",
             settings.window,
             bytes[0] / f64::from(1 << 20)
         );
@@ -209,7 +105,7 @@ impl Fitted {
             linear,
             kept: Kept {
                 begin: start.time,
-                length: settings.first as f64,
+                length: settings.initial_jump as f64,
                 turn: settings.window as f64,
                 ..Kept::default()
             },
@@ -228,15 +124,15 @@ impl Fitted {
     /// Tries a fit. Says what came of it.
     fn fit(&mut self, step: &Step) -> String {
         self.kept.tried = 0;
-        let tolerance = self.settings.tolerance;
+        let tolerance = self.settings.jump_tolerance;
         let Some(fit) = self.linear.fit() else {
             self.far_off();
             return String::new();
         };
         let (error, shape, n) = (fit.tail_error(), fit.dmd.shape, fit.numbers.len());
-        let (tail, modes) = (self.settings.tail, if shape.growing { "kept" } else { "clipped" });
+        let (tail, modes) = (self.settings.hold_out, if shape.growing { "kept" } else { "clipped" });
         let fields: Vec<String> = fit.tail.iter().map(|e| format!("{} {:.2e}", e.name, e.error)).collect();
-        let settled = error < self.settings.enough || settled(&self.kept.errors, error);
+        let settled = error < self.settings.fit_tolerance || settled(&self.kept.errors, error);
         let surplus = (self.kept.errors.len() + 1).saturating_sub(WAITED);
         self.kept.errors.drain(..surplus);
         // JSON, which the state is kept in, has no infinity; it is one where the last states are all the same.
@@ -250,7 +146,7 @@ impl Fitted {
             true => (self.kept.others, self.kept.turn) = [self.settings.window as f64; 2].into(),
             false => self.far_off(),
         }
-        self.kept.length = self.settings.first as f64;
+        self.kept.length = self.settings.initial_jump as f64;
         let mut said = format!(
             "m4gn: time {}: fit of {n} states, {} delays, rank {}, growth {modes}: its last {tail} states, held back, are off by {error:.3} of \
              what holding would be (of the variation: {}); {}\n\n",
@@ -285,7 +181,7 @@ impl Fitted {
     /// Error of a stride beside the solver up to which the present fit is as good as when it was first used: twice what it was used with.
     fn limit(&self) -> f64 {
         let used = self.kept.errors.last().map_or(0.0, |e| 2.0 * e);
-        used.max(self.settings.enough).min(self.settings.tolerance)
+        used.max(self.settings.fit_tolerance).min(self.settings.jump_tolerance)
     }
 
     /// Compares the present sample with what was predicted of it. Says what came of it.
@@ -299,9 +195,9 @@ impl Fitted {
             step.name
         );
         let good = error < self.limit();
-        if jumped && error < self.settings.tolerance {
-            let growth = if good { self.settings.growth } else { 1.0 / self.settings.growth };
-            let (first, longest) = (self.settings.first as f64, self.settings.longest as f64);
+        if jumped && error < self.settings.jump_tolerance {
+            let growth = if good { self.settings.jump_growth } else { 1.0 / self.settings.jump_growth };
+            let (first, longest) = (self.settings.initial_jump as f64, self.settings.max_jump as f64);
             self.kept.length = (self.kept.length * growth).clamp(first, longest);
             let _ = write!(said, "; the next jump may have {} strides", self.kept.length as usize);
         } else if !good {
@@ -322,15 +218,15 @@ pub(crate) fn settled(tries: &[f64], error: f64) -> bool {
 
 impl Surrogate for Fitted {
     fn name(&self) -> &str {
-        "linear"
+        "dmd"
     }
 
     fn source(&self) -> String {
-        "linear, fitted to the run's own states".into()
+        "dmd, fitted to the run's own states".into()
     }
 
     fn digest(&self) -> String {
-        let own = LinearSettings { file: None, ..self.settings.clone() };
+        let own = DmdSettings { file: None, ..self.settings.clone() };
         format!("{:08x}", crc32fast::hash(format!("{own:?} {}", self.interval).as_bytes()))
     }
 
@@ -344,7 +240,7 @@ impl Surrogate for Fitted {
 
     /// How far it goes it says itself.
     fn growth(&self, _: &str) -> Option<Vec<f64>> {
-        Some(vec![1.0; self.settings.longest])
+        Some(vec![1.0; self.settings.max_jump])
     }
 
     /// At the step at which a sample came, or that a jump ended with: predictions begin from there.
@@ -378,8 +274,8 @@ impl Surrogate for Fitted {
         self.kept.offset = self.linear.since(step.time).unwrap_or(0.0).max(0.0);
         said += &self.compare(step);
         self.kept.tried += samples;
-        let (stretch, least) = (self.linear.stretch(), self.settings.least());
-        if stretch >= least && (self.kept.tried >= self.settings.every || stretch == least) {
+        let (stretch, least) = (self.linear.stretch(), self.settings.min_snapshots());
+        if stretch >= least && (self.kept.tried >= self.settings.refit_interval || stretch == least) {
             said += &self.fit(step);
         }
         self.kept.trial = self.linear.predict(1.0).map(|p| (p, false));
@@ -390,7 +286,7 @@ impl Surrogate for Fitted {
         let strides = self.kept.offset + (self.kept.ahead + 1) as f64;
         let prediction = self.linear.predict(strides);
         let prediction = prediction
-            .ok_or_else(|| Error::Numerical("the linear surrogate has no fit to predict with".into()))?;
+            .ok_or_else(|| Error::Numerical("the dmd surrogate has no fit to predict with".into()))?;
         self.check_inputs(&prediction)?;
         let values = self.put(&prediction, out)?;
         self.predicted = Some((prediction, values));
@@ -404,7 +300,7 @@ impl Surrogate for Fitted {
 
     fn follow(&mut self, stride: usize, _: &[Field], out: &mut [FieldMut]) -> Result<()> {
         let Some((outlook, offset)) = &self.rollout else {
-            return Err(Error::Numerical("the linear surrogate has no rollout to go on with".into()));
+            return Err(Error::Numerical("the dmd surrogate has no rollout to go on with".into()));
         };
         let prediction = self.linear.later(outlook, offset + stride as f64);
         self.put(&prediction, out).map(|_| ())
@@ -413,7 +309,7 @@ impl Surrogate for Fitted {
     fn inputs(&mut self, arrays: &[&[f64]]) -> Result<()> {
         let fields = self.linear.snapshots().fields().iter().filter(|f| f.input);
         if !fields.map(|f| f.len).eq(arrays.iter().map(|a| a.len())) {
-            return Err(Error::Input("linear: the arrays are not the inputs of the state".into()));
+            return Err(Error::Input("dmd: the arrays are not the inputs of the state".into()));
         }
         self.inputs = arrays.iter().map(|a| a.to_vec()).collect();
         Ok(())
@@ -426,11 +322,11 @@ impl Surrogate for Fitted {
         let (prediction, values) = match (&earlier, &self.predicted) {
             (Some(earlier), _) => (earlier, None),
             (None, Some((last, values))) if before <= 0.0 => (last, Some(values)),
-            _ => return Err(Error::Input("linear: nothing was predicted".into())),
+            _ => return Err(Error::Input("dmd: nothing was predicted".into())),
         };
         let fields = self.linear.snapshots().fields();
         if out.len() != fields.len() || out.iter().zip(fields).any(|(o, f)| o.len() != f.len) {
-            return Err(Error::Input("linear: the arrays are not those of the state".into()));
+            return Err(Error::Input("dmd: the arrays are not those of the state".into()));
         }
         for (f, o) in out.iter_mut().enumerate() {
             match (values, self.places.iter().position(|place| *place == f)) {
@@ -464,14 +360,12 @@ impl Surrogate for Fitted {
         };
         let kept = Kept { linear: self.linear.save(&file)?, ..self.kept.clone() };
         let bytes = serde_json::to_vec(&kept);
-        bytes
-            .map(Some)
-            .map_err(|e| Error::Internal(format!("the state of the linear surrogate as JSON: {e}")))
+        bytes.map(Some).map_err(|e| Error::Internal(format!("the state of the dmd surrogate as JSON: {e}")))
     }
 
     fn restore(&mut self, state: &[u8]) -> Result<()> {
         let kept: Kept = serde_json::from_slice(state)
-            .map_err(|e| Error::Input(format!("the state of the linear surrogate: {e}")))?;
+            .map_err(|e| Error::Input(format!("the state of the dmd surrogate: {e}")))?;
         let Some(file) = self.file() else {
             return Ok(());
         };
@@ -496,7 +390,7 @@ impl Fitted {
         let finite = values.iter().flatten().all(|v| v.is_finite());
         let finite = finite
             .then_some(())
-            .ok_or_else(|| Error::Numerical("the linear surrogate's prediction is not finite".into()));
+            .ok_or_else(|| Error::Numerical("the dmd surrogate's prediction is not finite".into()));
         self.linear.snapshots().comm().agree(finite)?;
         for (o, v) in out.iter_mut().zip(&values) {
             o.cells.copy_from_slice(v);
@@ -504,7 +398,7 @@ impl Fitted {
         Ok(values)
     }
 
-    /// [`Error::Numerical`] where a prediction is off from what the inputs will be by more than `tolerance` of their variation. Collective.
+    /// [`Error::Numerical`] where a prediction is off from what the inputs will be by more than `jumpTolerance` of their variation. Collective.
     fn check_inputs(&mut self, prediction: &Combination) -> Result<()> {
         let given = std::mem::take(&mut self.inputs);
         let snapshots = self.linear.snapshots();
@@ -517,7 +411,7 @@ impl Fitted {
             snapshots.comm().sum_f64(&mut sums);
             let variation = self.linear.fitted().map_or(0.0, |fit| fit.variation(f));
             let share = (sums[0] / variation.max(1e-12 * sums[1])).sqrt();
-            if sums[0] > 0.0 && share > self.settings.tolerance {
+            if sums[0] > 0.0 && share > self.settings.jump_tolerance {
                 return Err(Error::Numerical(format!(
                     "the input {} will be other than the fit says of it: the solver goes on",
                     field.name

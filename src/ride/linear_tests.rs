@@ -1,10 +1,8 @@
-//! The linear surrogate in a ride: two waves that a fit knows exactly, and what happens where it does not.
+//! The dmd surrogate in a ride: two waves that a fit knows exactly, and what happens where it does not.
 
 use crate::linear::settled;
 use crate::schedule::Step;
-use crate::{
-    Action, Advanced, Fitted, Given, Kind, LinearSettings, Mode, Ride, RideSettings, Surrogate, Text,
-};
+use crate::{Action, Advanced, DmdSettings, Fitted, Given, Kind, Mode, Ride, RideSettings, Surrogate, Text};
 use m4gn_linear::Field as Array;
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
@@ -112,7 +110,7 @@ impl Host {
         let advanced = vec![Advanced { name: "u".into(), components: 1, solved: 1 }];
         let comm = Comm::serial();
         let begin = step(start, index, end);
-        let own: LinearSettings = settings.linear.clone().unwrap();
+        let own: DmdSettings = settings.dmd.clone().unwrap();
         let observes = settings.mode == Mode::Observe;
         let fitted = Fitted::new(&comm, arrays, advanced, own, observes, &begin).unwrap();
         let clock = Rc::new(Cell::new(start));
@@ -204,7 +202,7 @@ impl Host {
     }
 }
 
-const SETTINGS: &str = r#"{"mode": "replace", "surrogates": ["linear"], "linear": {"interval": 0.2, "least": 24, "first": 5, "growth": 2, "longest": 40}}"#;
+const SETTINGS: &str = r#"{"mode": "replace", "surrogates": ["dmd"], "dmd": {"snapshotInterval": 0.2, "minSnapshots": 24, "initialJump": 5, "jumpGrowth": 2, "maxJump": 40}}"#;
 
 fn largest(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
@@ -269,8 +267,8 @@ fn a_fit_that_agrees_to_the_tolerance_alone_has_shorter_jumps() {
     assert!(!host.log.contains("the fit is dropped"), "{}", host.log);
 }
 
-const BOTH: &str = r#"{"mode": "replace", "surrogates": ["network", "linear"], "timeStart": 6,
-    "linear": {"interval": 0.2, "least": 24, "first": 5, "growth": 2, "longest": 40}}"#;
+const BOTH: &str = r#"{"mode": "replace", "surrogates": ["network", "dmd"], "timeStart": 6,
+    "dmd": {"snapshotInterval": 0.2, "minSnapshots": 24, "initialJump": 5, "jumpGrowth": 2, "maxJump": 40}}"#;
 
 #[test]
 fn of_a_network_and_a_fit_the_nearer_one_jumps() {
@@ -278,7 +276,7 @@ fn of_a_network_and_a_fit_the_nearer_one_jumps() {
     host.run(1e9, |_| false);
     assert!(!host.by.is_empty() && host.by.iter().all(|who| *who == 1), "{:?}\n{}", host.by, host.log);
     assert!(host.log.contains("the network surrogate beside the solver was off by 0.0"), "{}", host.log);
-    assert!(host.log.contains(": the linear surrogate jumps"), "{}", host.log);
+    assert!(host.log.contains(": the dmd surrogate jumps"), "{}", host.log);
     assert!(
         host.tables[0].contains("\tanother\t") && host.tables[0].contains("\tjumps\t"),
         "{}",
@@ -303,7 +301,7 @@ fn a_network_jumps_before_there_is_a_fit_and_leaves_the_solver_time_for_one() {
     assert!(host.by[first..].iter().all(|who| *who == 1), "{:?}", host.by);
     let said = |words: &str| host.log.matches(words).count();
     assert_eq!(
-        said("the network surrogate waits, not measured, while the linear surrogate is given"),
+        said("the network surrogate waits, not measured, while the dmd surrogate is given"),
         1,
         "{}",
         host.log
@@ -333,20 +331,20 @@ fn surrogates_without_a_field_in_common_are_refused() {
     let begin = step(0.0, 0, 9.0);
     let arrays = vec![Array::weighted("T", 1, vec![1.0; CELLS])];
     let advanced = vec![Advanced { name: "T".into(), components: 1, solved: 1 }];
-    let own = settings.linear.clone().unwrap();
+    let own = settings.dmd.clone().unwrap();
     let fitted = Fitted::new(&Comm::serial(), arrays, advanced, own, false, &begin).unwrap();
     let fields = vec![Advanced { name: "u".into(), components: 1, solved: 1 }];
     let trained = Trained { fields, clock: Rc::default() };
     let global = (0..CELLS as i64).collect();
     let made = Ride::new(Comm::serial(), vec![Box::new(trained), Box::new(fitted)], settings, global, begin);
     let said = made.err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(said.contains("network advances u, linear advances T"), "{said}");
+    assert!(said.contains("network advances u, dmd advances T"), "{said}");
 }
 
 #[test]
 fn an_observer_compares_rollouts_of_the_fit_and_leaves_the_run_alone() {
-    let settings = r#"{"mode": "observe", "surrogates": ["network", "linear"], "rolloutSteps": 60,
-        "linear": {"interval": 0.2, "least": 24}}"#;
+    let settings = r#"{"mode": "observe", "surrogates": ["network", "dmd"], "rolloutSteps": 60,
+        "dmd": {"snapshotInterval": 0.2, "minSnapshots": 24}}"#;
     let mut host = Host::new(settings, 0.0, 0, 30.0, solver(0.0, 20.0));
     host.run(20.0, |_| false);
     assert_eq!((host.jumps.len(), host.solved), (0, 600));
@@ -356,18 +354,18 @@ fn an_observer_compares_rollouts_of_the_fit_and_leaves_the_run_alone() {
     let of = |name: &'static str| rows.iter().filter(move |r| r[1] == name);
     // Time, name, steps, oneStep, hold, rollout: after the first fit a rollout of sixty strides, from states that are long gone at its end,
     // until the waves change.
-    let linear: Vec<_> = of("linear").collect();
-    assert!((number(&linear[0][0]) - 5.0).abs() < 1e-9, "{:?}", linear[0]);
-    let steps: Vec<f64> = linear.iter().map(|r| number(&r[2])).collect();
+    let dmd: Vec<_> = of("dmd").collect();
+    assert!((number(&dmd[0][0]) - 5.0).abs() < 1e-9, "{:?}", dmd[0]);
+    let steps: Vec<f64> = dmd.iter().map(|r| number(&r[2])).collect();
     assert_eq!(steps[..60], (1..=60).map(f64::from).collect::<Vec<_>>()[..]);
-    assert!(linear[..60].iter().all(|r| number(&r[5]) < 1e-3 && number(&r[4]) > 0.0), "{:?}", linear[59]);
+    assert!(dmd[..60].iter().all(|r| number(&r[5]) < 1e-3 && number(&r[4]) > 0.0), "{:?}", dmd[59]);
     // What the fit does not know is told, though it was dropped: the rollout that met it goes on.
-    let late = linear.iter().filter(|r| number(&r[0]) > 22.0);
-    assert!(late.clone().any(|r| number(&r[5]) > 0.5), "{:?}", linear.last());
+    let late = dmd.iter().filter(|r| number(&r[0]) > 22.0);
+    assert!(late.clone().any(|r| number(&r[5]) > 0.5), "{:?}", dmd.last());
     assert!(of("network").all(|r| (number(&r[3]) - 0.01).abs() < 1e-6 || number(&r[0]) > 20.0));
     host.ride.end();
     host.listen();
-    assert!(host.log.contains("mean rms errors of the linear surrogate"), "{}", host.log);
+    assert!(host.log.contains("mean rms errors of the dmd surrogate"), "{}", host.log);
 }
 
 #[test]
@@ -417,26 +415,26 @@ fn a_run_that_is_carried_on_in_a_jump_and_beside_the_solver_has_the_same_bits() 
 
 #[test]
 fn settings_that_cannot_be_are_named() {
-    for (linear, words) in [
-        (r#"{"interval": 0}"#, "interval"),
-        (r#"{"tolerance": -1}"#, "tolerance"),
-        (r#"{"growth": 0.5}"#, "growth"),
-        (r#"{"longest": 3}"#, "longest"),
-        (r#"{"longest": 2147483647}"#, "longest"),
-        (r#"{"tail": 18446744073709551615}"#, "least"),
-        (r#"{"least": 3}"#, "least"),
+    for (dmd, words) in [
+        (r#"{"snapshotInterval": 0}"#, "snapshotInterval"),
+        (r#"{"jumpTolerance": -1}"#, "jumpTolerance"),
+        (r#"{"jumpGrowth": 0.5}"#, "jumpGrowth"),
+        (r#"{"maxJump": 3}"#, "maxJump"),
+        (r#"{"maxJump": 2147483647}"#, "maxJump"),
+        (r#"{"holdOut": 18446744073709551615}"#, "minSnapshots"),
+        (r#"{"minSnapshots": 3}"#, "minSnapshots"),
         (r#"{"windo": 3}"#, "window"),
     ] {
-        let text = format!(r#"{{"mode": "replace", "surrogates": ["linear"], "linear": {linear}}}"#);
+        let text = format!(r#"{{"mode": "replace", "surrogates": ["dmd"], "dmd": {dmd}}}"#);
         let error = RideSettings::parse(&text).unwrap_err().to_string();
-        assert!(error.contains(words), "{linear}: {error}");
+        assert!(error.contains(words), "{dmd}: {error}");
     }
-    let small = r#"{"mode": "replace", "surrogates": ["linear"], "linear": {"window": 24}}"#;
+    let small = r#"{"mode": "replace", "surrogates": ["dmd"], "dmd": {"window": 24}}"#;
     RideSettings::parse(small).expect("a smaller window needs no other entry");
     for (text, words) in [
-        (r#"{"mode": "replace", "surrogates": ["linear", "linear"]}"#, "each once"),
-        (r#"{"mode": "replace", "solverSteps": 1, "surrogateSteps": 1, "linear": {}}"#, "does not name it"),
-        (r#"{"mode": "replace", "surrogates": ["quadratic"]}"#, "linear"),
+        (r#"{"mode": "replace", "surrogates": ["dmd", "dmd"]}"#, "each once"),
+        (r#"{"mode": "replace", "solverSteps": 1, "surrogateSteps": 1, "dmd": {}}"#, "does not name it"),
+        (r#"{"mode": "replace", "surrogates": ["quadratic"]}"#, "dmd"),
     ] {
         let error = RideSettings::parse(text).unwrap_err().to_string();
         assert!(error.contains(words), "{text}: {error}");

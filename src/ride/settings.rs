@@ -1,7 +1,7 @@
 //! What a case sets of a ride: one JSON object, with one check.
 
 use crate::control::ControlSettings;
-use crate::linear::LinearSettings;
+use crate::dmd_settings::DmdSettings;
 use crate::quantities::QuantitySettings;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::settings;
@@ -40,9 +40,9 @@ pub struct RideSettings {
     /// Which surrogates there are; none: a network.
     #[serde(default = "network")]
     pub surrogates: Vec<Kind>,
-    /// Settings of the linear one.
+    /// Settings of the dmd one.
     #[serde(default)]
-    pub linear: Option<LinearSettings>,
+    pub dmd: Option<DmdSettings>,
     /// Name of the ride in messages.
     #[serde(default)]
     pub name: String,
@@ -94,7 +94,7 @@ pub enum Kind {
     /// A trained network.
     Network,
     /// One that is fitted to the run's own states.
-    Linear,
+    Dmd,
 }
 
 fn network() -> Vec<Kind> {
@@ -131,13 +131,13 @@ impl RideSettings {
     /// [`Error::Input`] naming the entry, what was found and what is expected.
     pub fn parse(text: &str) -> Result<Self> {
         let mut read: Self = settings::parse("ride", text, &["adapt"])?;
-        if read.has(Kind::Linear) {
-            let linear = read.linear.get_or_insert_default();
+        if read.has(Kind::Dmd) {
+            let dmd = read.dmd.get_or_insert_default();
             // How far each goes it says itself, once it is measured beside the solver.
             if read.mode == Mode::Replace {
                 read.control.get_or_insert_with(|| ControlSettings::of(TOLERANCE));
                 read.solver_steps.get_or_insert(1);
-                read.surrogate_steps.get_or_insert(linear.longest);
+                read.surrogate_steps.get_or_insert(dmd.max_jump);
             }
         }
         read.check()?;
@@ -153,12 +153,12 @@ impl RideSettings {
         let bad = |what: String| Err(Error::Input(format!("ride: {what}")));
         let twice = |kind: &Kind| self.surrogates.iter().filter(|k| *k == kind).count() > 1;
         if self.surrogates.is_empty() || self.surrogates.iter().any(twice) {
-            return bad("surrogates: expected network, linear, or both, each once".into());
+            return bad("surrogates: expected network, dmd, or both, each once".into());
         }
-        if self.linear.is_some() && !self.has(Kind::Linear) {
-            return bad("linear: its settings are given, and surrogates does not name it".into());
+        if self.dmd.is_some() && !self.has(Kind::Dmd) {
+            return bad("dmd: its settings are given, and surrogates does not name it".into());
         }
-        self.linear.as_ref().map_or(Ok(()), LinearSettings::check)?;
+        self.dmd.as_ref().map_or(Ok(()), DmdSettings::check)?;
         let counts = [("solverSteps", self.solver_steps), ("surrogateSteps", self.surrogate_steps)];
         for (name, count) in counts {
             match (self.mode, count) {

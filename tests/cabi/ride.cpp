@@ -263,9 +263,9 @@ void refuses()
         REQUIRE(made(options) == M4GN_ERROR_INPUT && !none);
     }
     // What the settings name is there, and nothing else.
-    REQUIRE(made(R"({"mode": "observe", "surrogates": ["network", "linear"]})") == M4GN_ERROR_INPUT);
+    REQUIRE(made(R"({"mode": "observe", "surrogates": ["network", "dmd"]})") == M4GN_ERROR_INPUT);
     REQUIRE(contains(m4gn_last_error(), "no arrays of the state"));
-    REQUIRE(made(R"({"mode": "observe", "surrogates": ["linear"]})") == M4GN_ERROR_INPUT);
+    REQUIRE(made(R"({"mode": "observe", "surrogates": ["dmd"]})") == M4GN_ERROR_INPUT);
     REQUIRE(contains(m4gn_last_error(), "do not name network"));
     m4gn_ride_array array{};
     array.name = "p";
@@ -273,7 +273,7 @@ void refuses()
     array.components = array.solved = array.fitted = 1;
     array.weights = host.p.data();
     const m4gn_ride_surrogates both{host.session.get(), nullptr, &array, 1};
-    const char* named = R"({"mode": "observe", "surrogates": ["network", "linear"]})";
+    const char* named = R"({"mode": "observe", "surrogates": ["network", "dmd"]})";
     REQUIRE(m4gn_ride_new(M4GN_NO_MPI, &both, &host.mesh.data, named, &start, &none) == M4GN_ERROR_INPUT);
     REQUIRE(contains(m4gn_last_error(), "array p: 3 numbers"));
     REQUIRE(m4gn_ride_new(M4GN_NO_MPI, nullptr, &host.mesh.data, named, &start, &none) == M4GN_ERROR_INPUT);

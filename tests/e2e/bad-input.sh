@@ -22,8 +22,8 @@ surrogate "mode replce; model \"$small_model\";"
 refused 'mode: expected observe or replace, found replce; is replace meant' icoFoam
 surrogate "mode accelerate; model \"$small_model\";"
 refused 'mode: expected observe or replace, found accelerate' icoFoam
-function_object m4gnSurrogate "mode replace; surrogates (linear); linear { keep no; file states; }"
-refused 'linear has no entry file' icoFoam
+function_object m4gnSurrogate "mode replace; surrogates (dmd); dmd { keep no; file states; }"
+refused 'dmd has no entry file' icoFoam
 surrogate "$good model missing.safetensors;"
 refused 'There is no model' icoFoam
 

@@ -288,7 +288,7 @@ plain() {
 
 # replaces LEAST WHAT: at least this share of the run's time was replaced.
 replaces() {
-    grep '^m4gn: \(the linear\|jumped\)' log.run
+    grep '^m4gn: \(the dmd\|jumped\)' log.run
     below "$1" "$(sed -n 's/^m4gn: replacedFraction = \([^ ]*\).*/\1/p' log.run)" "$2: least that is replaced"
 }
 

@@ -335,9 +335,9 @@ cp -r constant/polyMesh ../fine
 block '0.2 0.04 0.02' '10 2 1' 'clamp { type patch; faces (LEFT); } tip { type patch; faces (RIGHT); }
     sides { type patch; faces (BOTTOM TOP BACK FRONT); }'
 tolerances='solutionTolerance 1e-6; alternativeTolerance 1e-6; materialTolerance 1e-6;'
-linear='mode replace; surrogates (linear); linear { interval 0.01; least 24; enough 0.02; }'
+dmd='mode replace; surrogates (dmd); dmd { snapshotInterval 0.01; minSnapshots 24; fitTolerance 0.02; }'
 while read -r ranks name material traction scheme field; do
-    what="linear, $name, $scheme, $ranks ranks"
+    what="dmd, $name, $scheme, $ranks ranks"
     model "$name" "$material" "$traction" "${scheme//_/ }"
     clean_case
     : > system/functions
@@ -345,7 +345,7 @@ while read -r ranks name material traction scheme field; do
     if [ "$ranks" -gt 1 ]; then runs reconstructPar -time '0.5,0.6'; fi
     rm -rf ../full && mkdir ../full && mv 0.* ../full
     clean_case
-    function_object m4gnSurrogate "$linear"
+    function_object m4gnSurrogate "$dmd"
     solve
     replaces 0.15 "$what"
     if [ "$ranks" -gt 1 ]; then runs reconstructPar -time '0.5,0.6'; fi
@@ -362,7 +362,7 @@ done <<'EOD'
 1 vertexCentredNonLinTotalLagGeometry neoHookeanElastic 50 NewmarkBeta_0.25_0.5 pointD
 EOD
 ranks=1
-function_object m4gnSurrogate "$linear"
+function_object m4gnSurrogate "$dmd"
 model nonLinearGeometryUpdatedLagrangian neoHookeanElastic 500 Euler
 clean_case
 refused 'the mesh moves with the body (solidModel nonLinearGeometryUpdatedLagrangian)' solids4Foam

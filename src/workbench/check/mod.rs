@@ -67,7 +67,7 @@ impl Case {
 pub struct Plan {
     /// The case.
     pub case: Case,
-    /// A model to check beside the linear surrogate.
+    /// A model to check beside the dmd surrogate.
     pub model: Option<PathBuf>,
     /// A training configuration: a network of its shape is made from the case's own steps.
     pub config: Option<PathBuf>,
@@ -80,7 +80,7 @@ pub struct Plan {
 /// What came of one surrogate.
 #[derive(Clone, Debug, Serialize)]
 pub struct Finding {
-    /// linear, network.
+    /// dmd, network.
     pub surrogate: String,
     /// Why it does not fit; none: it does.
     pub why: Option<String>,
@@ -88,7 +88,7 @@ pub struct Finding {
     pub notes: Vec<String>,
     /// How far it came.
     pub report: Report,
-    /// What a stride takes with the window that is suggested, s: of the linear surrogate that jumped.
+    /// What a stride takes with the window that is suggested, s: of the dmd surrogate that jumped.
     pub stride: Option<f64>,
 }
 
@@ -134,7 +134,7 @@ pub fn run(plan: &Plan) -> Result<Checked> {
         copy.application.split('/').take(1).chain((copy.ranks > 0).then_some("mpirun")).collect();
     environment(&programs)?;
 
-    let mut findings = vec![one(plan, &copy, "linear", "", &tools)?];
+    let mut findings = vec![one(plan, &copy, "dmd", "", &tools)?];
     let model = match (&plan.model, &plan.config) {
         (Some(model), _) => Some(Ok(plain_path(model)?)),
         (None, Some(config)) => Some(random(&copy, config, place, &findings[0].report, room, &tools)),
@@ -233,7 +233,7 @@ fn random(
     let names: Vec<String> =
         fields.iter().filter_map(|f| Some(f.get("name")?.as_str()?.to_string())).collect();
     if report.delta_t <= 0.0 {
-        return Err(Error::Input("the solver came to no step (see linear)".into()));
+        return Err(Error::Input("the solver came to no step (see dmd)".into()));
     }
     let stride = STEPS as f64 * report.delta_t;
     model.insert("stride".into(), stride.into());

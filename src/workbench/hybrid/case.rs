@@ -299,7 +299,7 @@ impl Job<'_> {
                 s.surrogate_steps
             ),
             // How far it goes a fit says itself.
-            false => format!("    linear          {{ interval {}; }}\n", s.interval),
+            false => format!("    dmd             {{ snapshotInterval {}; }}\n", s.interval),
         };
         // The function object allows for half a step of rounding.
         let start = s.start_up + s.solver_time;

@@ -12,7 +12,7 @@ const BASELINES: [(&str, &str); 4] = [
     ("persistence", "persistence"),
     ("hold_first", "hold first"),
     ("extrapolation", "extrapolation"),
-    ("linear", "linear (HODMD)"),
+    ("dmd", "dmd"),
 ];
 
 /// Horizons of the paper's tables.
@@ -301,7 +301,7 @@ mod tests {
             "The median of M4GN is 33 % below that of the best network of another kind, GCN",
             "0.200 ± 0.071",
             "persistence",
-            "linear (HODMD)",
+            "dmd",
             "2 trajectories",
         ] {
             assert!(text.contains(expected), "{expected}: {text}");

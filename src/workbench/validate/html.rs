@@ -26,7 +26,7 @@ pub fn report(model: &str, spec: &ModelSpec, cases: &[Case]) -> Result<Page> {
         "Model {model}, stride {} s. Root-mean-square errors over nodes, solved components and steps, averaged over \
          trajectories; boundary values, held points and the motion of an obstacle are prescribed. RMSE-1: one step from every \
          frame at the model's stride. RMSE-50 and RMSE-all: rollouts from the first frame, over its first {} s and over all. \
-         Persistence holds the recorded frame one stride before, extrapolation is the line through the two before, linear a dynamic mode decomposition fitted to the frames before, hold first \
+         Persistence holds the recorded frame one stride before, extrapolation is the line through the two before, dmd a dynamic mode decomposition fitted to the frames before, hold first \
          the first one.",
         spec.stride,
         cases.first().map_or("-".into(), |c| seconds(c.horizon))

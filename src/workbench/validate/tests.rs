@@ -256,9 +256,9 @@ fn a_fit_needs_a_history() {
     let case = known(0.01, |_, _| Ok(()));
     let rows = case.rows();
     let row = |key: &str| rows.iter().find(|r| r.key == key).unwrap().figures[0];
-    assert_eq!(row("linear").rmse_1, row("persistence").rmse_1);
-    assert!(row("linear").rmse_all.is_nan());
-    assert!(json(&[case])["linear"]["rmse_all"].is_null());
+    assert_eq!(row("dmd").rmse_1, row("persistence").rmse_1);
+    assert!(row("dmd").rmse_all.is_nan());
+    assert!(json(&[case])["dmd"]["rmse_all"].is_null());
 }
 
 /// A vortex that is carried along: once there are frames enough the fit knows the next one, where holding is off.
@@ -276,7 +276,7 @@ fn a_fit_knows_what_is_carried_along() {
         row.fields[0].single.last().unwrap().rmse()
     };
     assert!(pace.steps > 26, "{}", pace.steps);
-    assert!(last("linear") < 0.2 * last("persistence"), "{} {}", last("linear"), last("persistence"));
+    assert!(last("dmd") < 0.2 * last("persistence"), "{} {}", last("dmd"), last("persistence"));
 }
 
 /// A model of bodies whose steps change next to nothing: the obstacle sinks into the body where nothing projects.
@@ -323,7 +323,7 @@ fn a_session_projects_and_lifts_the_gap() {
     let case = run(&still(), &t, &options, &ways, (None, Keep::Shown), &mut count).unwrap();
     let rows = case.rows();
     let keys: Vec<&str> = rows.iter().map(|r| r.key).collect();
-    assert_eq!(keys, ["model", "projected", "persistence", "extrapolation", "linear", "hold_first"]);
+    assert_eq!(keys, ["model", "projected", "persistence", "extrapolation", "dmd", "hold_first"]);
     let [model, projected] = [0, 1].map(|i: usize| rows[i].gap.unwrap());
     assert!(model < -0.1 && projected >= -0.02, "{model} {projected}");
     // Standing still is holding the first frame, to what such a step adds.

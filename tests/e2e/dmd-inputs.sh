@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# m4gnSurrogate with surrogates (linear) and boundary values that are prescribed in time: an inlet that pulsates is jumped, one that
+# m4gnSurrogate with surrogates (dmd) and boundary values that are prescribed in time: an inlet that pulsates is jumped, one that
 # changes otherwise than before is left to the solver in time, and values that nobody can say beforehand are refused.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
@@ -13,8 +13,8 @@ pulsating='uniformValue { type sine; frequency 2; amplitude 0.1; scale (1 0 0); 
 inlet "type uniformFixedValue; $pulsating"
 plain icoFoam 1.5 3
 
-linear='mode replace; surrogates (linear); linear { interval 0.04; longest 20; least 24; tolerance 0.05; enough 0.05; }'
-function_object m4gnSurrogate "$linear"
+dmd='mode replace; surrogates (dmd); dmd { snapshotInterval 0.04; maxJump 20; minSnapshots 24; jumpTolerance 0.05; fitTolerance 0.05; }'
+function_object m4gnSurrogate "$dmd"
 runs icoFoam
 replaces 0.1 'a pulsating inlet'
 # 1.5 s and 3 s are three periods apart: over what the field is
@@ -24,7 +24,7 @@ below "$(difference ../plain/3/U 3/U)" 0.1 "largest error of U"
 clean_case
 inlet 'type uniformFixedValue; uniformValue table ((0 (0.2 0 0)) (1.4 (0.2 0 0)) (1.5 (0.25 0 0)) (9 (0.25 0 0))); value uniform (0.2 0 0);'
 plain icoFoam 1.5 3
-function_object m4gnSurrogate "$linear"
+function_object m4gnSurrogate "$dmd"
 runs icoFoam
 grep 'the input U at inlet will be other' log.run | head -n 1 || { grep m4gn log.run; fail "the change of the inlet is not seen before"; }
 below "$(difference ../plain/3/U 3/U)" 0.01 "largest error of U behind a change of the inlet"

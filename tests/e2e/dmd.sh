@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# m4gnSurrogate with surrogates (linear): no model; against the plain run, on two ranks, carried on, refused where it cannot be.
+# m4gnSurrogate with surrogates (dmd): no model; against the plain run, on two ranks, carried on, refused where it cannot be.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
@@ -17,11 +17,11 @@ runs icoFoam
 plain=$(largest log.run)
 mkdir ../plain && cp -r 4 2 ../plain
 
-linear() { function_object m4gnSurrogate "mode replace; surrogates (linear); timeStart 2; linear { interval 0.05; least 24; enough 0.025; $* }"; }
-linear
+dmd() { function_object m4gnSurrogate "mode replace; surrogates (dmd); timeStart 2; dmd { snapshotInterval 0.05; minSnapshots 24; fitTolerance 0.025; $* }"; }
+dmd
 clean_case
 runs icoFoam
-grep -q '^m4gn: the linear surrogate advances U, p, phi' log.run || { grep m4gn log.run; fail "the fields are not named"; }
+grep -q '^m4gn: the dmd surrogate advances U, p, phi' log.run || { grep m4gn log.run; fail "the fields are not named"; }
 # A pressure without an equation in time is carried: the noise of its tolerance is none of the fit's
 grep -q 'of the variation: U [^,]*); it is used' log.run || { grep 'fit of' log.run; fail "the fit is not made of U alone"; }
 replaces 0.2 icoFoam
@@ -58,7 +58,7 @@ ascii
 below "$(difference ../U.hybrid 4/U)" 1e-2 "U on two ranks"
 
 # What cannot be
-linear 'longest 5;'
-refused 'longest from first to' icoFoam
-linear 'intervall 0.05;'
+dmd 'maxJump 5;'
+refused 'maxJump from initialJump to' icoFoam
+dmd 'snapshotIntervall 0.05;'
 refused 'interval' icoFoam

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# m4gnSurrogate with surrogates (linear) and heat: a cavity between a warm and a cold wall on its way to rest, with a density that varies
+# m4gnSurrogate with surrogates (dmd) and heat: a cavity between a warm and a cold wall on its way to rest, with a density that varies
 # (buoyantPimpleFoam) and with Boussinesq's (buoyantBoussinesqPimpleFoam), and a plate that cools (laplacianFoam). The pressure p_rgh is found,
 # enthalpy, density and compressibility go with the temperature, and so does the heat that goes through the walls.
 # shellcheck source=tests/e2e/common.sh
@@ -46,7 +46,7 @@ compared() {
     runs "$solver"
     rm -rf ../plain && mkdir ../plain && mv 12 24 ../plain
     if [ -n "${heat:-}" ]; then mv postProcessing ../plain; fi
-    echo "${heat:-} test { type m4gnSurrogate; libs (m4gnFoam); mode replace; surrogates (linear); linear { interval 0.25; least 24; enough 0.025; } }" > system/functions
+    echo "${heat:-} test { type m4gnSurrogate; libs (m4gnFoam); mode replace; surrogates (dmd); dmd { snapshotInterval 0.25; minSnapshots 24; fitTolerance 0.025; } }" > system/functions
     runs "$solver"
     replaces 0.1 "$solver"
     for name in "$@"; do
@@ -59,7 +59,7 @@ compared laplacianFoam T
 
 field p_rgh volScalarField '0 2 -2 0 0 0 0' 0 '".*" { type fixedFluxPressure; value uniform 0; }'
 compared buoyantBoussinesqPimpleFoam T U
-grep -q '^m4gn: the linear surrogate advances T, U, alphat, p_rgh, phi and, with them, .*rhok' log.run || fail "p_rgh is not found"
+grep -q '^m4gn: the dmd surrogate advances T, U, alphat, p_rgh, phi and, with them, .*rhok' log.run || fail "p_rgh is not found"
 
 sed -i 's/pRefValue 0/pRefValue 1e5/' system/fvSolution
 field alphat volScalarField '1 -1 -1 0 0 0 0' 0 '".*" { type calculated; value uniform 0; }'
@@ -67,7 +67,7 @@ field p volScalarField '1 -1 -2 0 0 0 0' 1e5 '".*" { type calculated; value unif
 field p_rgh volScalarField '1 -1 -2 0 0 0 0' 1e5 '".*" { type fixedFluxPressure; value uniform 1e5; }'
 heat='heat { type wallHeatFlux; libs (fieldFunctionObjects); patches (warm cold); writeControl timeStep; writeInterval 1; }'
 compared buoyantPimpleFoam T U
-grep -q '^m4gn: the linear surrogate advances .*p_rgh, phi and, with them, .*h, rho, .*thermo:psi' log.run || fail "enthalpy and density are not handed over"
+grep -q '^m4gn: the dmd surrogate advances .*p_rgh, phi and, with them, .*h, rho, .*thermo:psi' log.run || fail "enthalpy and density are not handed over"
 flux() { awk '/^[0-9]/ && $1 == 24 && $2 == "warm" { v = $NF } END { print v }' "$1"; }
 plain=$(flux ../plain/postProcessing/heat/0/wallHeatFlux.dat)
 hybrid=$(flux postProcessing/heat/0/wallHeatFlux.dat)

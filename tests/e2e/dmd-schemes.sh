@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# m4gnSurrogate with surrogates (linear) and time schemes that look at more than the present state: backward and CrankNicolson, whose old
+# m4gnSurrogate with surrogates (dmd) and time schemes that look at more than the present state: backward and CrankNicolson, whose old
 # levels and rates are states of the fit; pimpleFoam with outer correctors; what is refused.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
@@ -15,7 +15,7 @@ sed -i 's/^PISO/PIMPLE { nCorrectors 2; nOuterCorrectors 3; }\nPISO/; s/^    U$/
 while read -r solver scheme; do
     sed -i "/ddtSchemes/,/}/s/default .*;/default $scheme;/" system/fvSchemes
     plain "$solver" 2 4
-    function_object m4gnSurrogate 'mode replace; surrogates (linear); timeStart 2; linear { interval 0.05; least 24; tolerance 0.1; enough 0.1; }'
+    function_object m4gnSurrogate 'mode replace; surrogates (dmd); timeStart 2; dmd { snapshotInterval 0.05; minSnapshots 24; jumpTolerance 0.1; fitTolerance 0.1; }'
     runs "$solver"
     replaces 0.2 "$solver, $scheme"
     # Half of the run changes it by a quarter and more
@@ -26,7 +26,7 @@ pimpleFoam Euler
 icoFoam backward
 icoFoam CrankNicolson 0.9
 EOD
-grep -q 'the linear surrogate advances U, p, phi and, with them, ddt0(U), ddtCorrDdt0(' ../cn.log || fail "what CrankNicolson keeps is not handed over"
+grep -q 'the dmd surrogate advances U, p, phi and, with them, ddt0(U), ddtCorrDdt0(' ../cn.log || fail "what CrankNicolson keeps is not handed over"
 
 sed -i "/ddtSchemes/,/}/s/default .*;/default steadyState;/" system/fvSchemes
 clean_case

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# m4gnSurrogate with surrogates (linear) in a solver of second order in time: a beam that vibrates. The solver carries on from a
+# m4gnSurrogate with surrogates (dmd) in a solver of second order in time: a beam that vibrates. The solver carries on from a
 # displacement and its old level, which is a state at its own time step before.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
@@ -8,9 +8,9 @@ sed -i 's/^endTime .*/endTime 2.5;/; s/^writeInterval .*/writeInterval 250;/' sy
 sed -i 's/compactNormalStress.*;/compactNormalStress yes; nCorrectors 20; D 1e-7;/' system/fvSolution
 plain solidDisplacementFoam 1.25 2.5
 
-function_object m4gnSurrogate 'mode replace; surrogates (linear); linear { interval 0.025; least 24; enough 0.025; }'
+function_object m4gnSurrogate 'mode replace; surrogates (dmd); dmd { snapshotInterval 0.025; minSnapshots 24; fitTolerance 0.025; }'
 runs solidDisplacementFoam
-grep -q '^m4gn: the linear surrogate advances D and, with them, .*divSigmaExp, .*sigmaD' log.run || fail "the stress is not handed over"
+grep -q '^m4gn: the dmd surrogate advances D and, with them, .*divSigmaExp, .*sigmaD' log.run || fail "the stress is not handed over"
 replaces 0.4 'a beam'
 # Over what half of the run changes
 hold=$(difference ../plain/2.5/D ../plain/1.25/D)

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# m4gnSurrogate with surrogates (linear) where a network is refused or knows less than the solver: a pipe as a wedge, and a zone that
+# m4gnSurrogate with surrogates (dmd) where a network is refused or knows less than the solver: a pipe as a wedge, and a zone that
 # rotates (MRF, pimpleFoam), and blocks that interpolation joins (cyclicAMI), each behind an inlet that pulsates.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
@@ -29,7 +29,7 @@ fields() {
 # compared SOLVER WHAT: the hybrid run beside the plain one
 compared() {
     plain "$1" 1.5 3
-    function_object m4gnSurrogate 'mode replace; surrogates (linear); linear { interval 0.05; longest 20; least 24; tolerance 0.1; enough 0.05; }'
+    function_object m4gnSurrogate 'mode replace; surrogates (dmd); dmd { snapshotInterval 0.05; maxJump 20; minSnapshots 24; jumpTolerance 0.1; fitTolerance 0.05; }'
     runs "$1"
     replaces 0.1 "$2"
     for name in U p; do
