@@ -8,7 +8,6 @@ use m4gn_model::modal::{ModalOptions, ModalSolver, Modes};
 use m4gn_model::{SegmentSpec, settings};
 use m4gn_modes as modes;
 use m4gn_modes::{Mass, Problem, Rows};
-use serde::{Deserialize, Serialize};
 use std::ffi::c_char;
 
 /// `m4gn_csr`
@@ -22,24 +21,17 @@ pub struct CsrData {
     pub value: *const f64,
 }
 
-/// What is asked for, of a host's own matrices or of an elastic body.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct ModesOptions {
-    /// How many modes.
-    modes: usize,
-    /// The way to them.
-    modal_solver: ModalSolver,
-    /// Unknowns a point.
-    block: usize,
-    /// A number a little below the eigenvalues wanted; none: estimated.
-    shift: Option<f64>,
-}
-
-impl Default for ModesOptions {
-    fn default() -> Self {
-        let SegmentSpec { modes, modal_solver, .. } = SegmentSpec::default();
-        ModesOptions { modes, modal_solver, block: 1, shift: None }
+settings! {
+    /// What is asked for, of a host's own matrices or of an elastic body.
+    pub(super) struct ModesOptions in "modes" {
+        /// Number of modes; repeated eigenvalues are taken whole, so there may be more.
+        modes: usize = SegmentSpec::default().modes;
+        /// The way to the modes: `auto` (by size), `direct` (factorisation) or `iterative` (multigrid).
+        modal_solver: ModalSolver = ModalSolver::default();
+        /// Unknowns a point, in consecutive rows.
+        block: usize = 1;
+        /// A number a little below the eigenvalues that are wanted.
+        shift: Option<f64> = None, "estimated";
     }
 }
 

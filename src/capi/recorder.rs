@@ -8,7 +8,6 @@ use m4gn_mesh::Mesh;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Error, Result};
 use m4gn_model::settings;
-use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::ffi::c_char;
 use std::path::PathBuf;
@@ -23,28 +22,17 @@ pub struct RecorderField {
     pub dimensions: [i32; 7],
 }
 
-/// What the host asks for, beside the fields.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct RecorderOptions {
-    /// Final name of the file.
-    path: PathBuf,
-    /// Application, case, ...: kept as it is.
-    provenance: Map<String, Value>,
-    /// What the trajectory is for.
-    split: Split,
-    /// Whether an existing file is replaced.
-    overwrite: bool,
-}
-
-impl Default for RecorderOptions {
-    fn default() -> Self {
-        RecorderOptions {
-            path: PathBuf::new(),
-            provenance: Map::new(),
-            split: Split::Train,
-            overwrite: false,
-        }
+settings! {
+    /// What the host asks for, beside the fields.
+    pub(super) struct RecorderOptions in "recorder" {
+        /// Final name of the HDF5 file; written beside it first, renamed when whole.
+        path: PathBuf;
+        /// What the trajectory is for: `train`, `valid` or `test`.
+        split: Split = Split::Train;
+        /// Whether an existing file is replaced; else it is an error.
+        overwrite: bool = false;
+        /// Entries that are kept with the data, such as application and case (dictionary); those of the first rank count.
+        provenance: Map<String, Value> = Map::new(), "none";
     }
 }
 

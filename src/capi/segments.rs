@@ -13,7 +13,6 @@ use m4gn_structure as segments;
 use m4gn_structure::Record;
 use m4gn_structure::graph::Graph;
 use m4gn_structure::{Segmentation, ranks};
-use serde::{Deserialize, Serialize};
 use std::ffi::CString;
 use std::ffi::c_char;
 
@@ -34,16 +33,18 @@ pub struct SegmentsHandle {
     record: CString,
 }
 
-/// What the host asks for.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct Request {
-    /// What differs from the model's segmentation, or from the default.
-    pub(super) segments: SegmentEntries,
-    /// Whether modes are computed and kept.
-    with_modes: bool,
-    #[serde(skip)]
-    pub(super) labels: Option<Vec<i32>>,
+settings! {
+    /// What the host asks for.
+    pub(super) struct Request in "segments_new" {
+        /// How the mesh is cut (dictionary): what differs from the model's segmentation, without a model from the defaults.
+        pub(super) segments: SegmentEntries = SegmentEntries::default(), "nothing";
+        /// Whether modes are computed and kept.
+        with_modes: bool = false;
+    }
+    beside {
+        /// Segments computed before; none: they are computed.
+        pub(super) labels: Option<Vec<i32>>;
+    }
 }
 
 impl Request {

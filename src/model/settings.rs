@@ -3,6 +3,8 @@
 //! The name of a setting is that of its entry in a model's description, `distance_scale`. Names in OpenFOAM's spelling,
 //! `distanceScale`, are taken for the same.
 
+pub mod table;
+
 use m4gn_mesh::{Error, Result};
 use serde::Serialize;
 use serde::de::DeserializeOwned;

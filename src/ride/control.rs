@@ -14,6 +14,12 @@ use serde::{Deserialize, Serialize};
 /// Most that a stride of a jump may change a field, over the largest change by a stride of the solver.
 const MOST_CHANGE: f64 = 3.0;
 
+/// Default of [`ControlSettings::rel_tol`].
+const REL_TOL: f64 = 0.2;
+
+/// Default of [`ControlSettings::patience`].
+const PATIENCE: usize = 10;
+
 /// What happens where the surrogate stays bad.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -25,33 +31,23 @@ pub enum OnFailure {
     Stop,
 }
 
-/// Settings of a controller; `tolerance` suffices.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ControlSettings {
-    /// Largest relative error of a jump.
-    pub tolerance: f64,
-    /// Largest error of a stride over what the solver changed in it. Of a flow that rests, or nearly, the change is small, and errors
-    /// far within the tolerance are larger: jump by jump they would make a flow of their own, a wake that sheds where the solver's does not.
-    #[serde(default = "rel_tol")]
-    pub rel_tol: f64,
-    /// Predicted fields that it holds for; none: the first one.
-    #[serde(default)]
-    pub fields: Option<Vec<String>>,
-    /// What happens where the surrogate stays bad.
-    #[serde(default)]
-    pub on_failure: OnFailure,
-    /// Strides in a row that allow no jump after which it stays bad.
-    #[serde(default = "patience")]
-    pub patience: usize,
-}
-
-fn rel_tol() -> f64 {
-    0.2
-}
-
-fn patience() -> usize {
-    10
+settings! {
+    /// Settings of a controller; `tolerance` suffices.
+    pub struct ControlSettings in "control" {
+        /// Largest error of a jump: root mean square, over the largest variation of the field so far in the run; of a vector its root
+        /// mean square, of a scalar that about its mean.
+        pub tolerance: f64;
+        // Of a flow that rests, or nearly, the change is small, and errors far within the tolerance are larger: jump by jump they would
+        // make a flow of their own, a wake that sheds where the solver's does not.
+        /// Largest error of a stride beside the solver, over what the solver changed in it.
+        pub rel_tol: f64 = REL_TOL;
+        /// Predicted fields that both hold for.
+        pub fields: Option<Vec<String>> = None, "the first one; of several surrogates the first that all predict";
+        /// Where the surrogate stays bad: `solver`, which goes on alone and is tried beside, or `stop`.
+        pub on_failure: OnFailure = OnFailure::default();
+        /// Measured strides in a row that allow no jump, after which a surrogate stays bad.
+        pub patience: usize = PATIENCE;
+    }
 }
 
 impl ControlSettings {
@@ -59,10 +55,10 @@ impl ControlSettings {
     pub fn of(tolerance: f64) -> Self {
         ControlSettings {
             tolerance,
-            rel_tol: rel_tol(),
+            rel_tol: REL_TOL,
             fields: None,
             on_failure: OnFailure::default(),
-            patience: patience(),
+            patience: PATIENCE,
         }
     }
 

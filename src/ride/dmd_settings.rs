@@ -2,68 +2,50 @@
 
 use m4gn_linear::{FitSettings, Storage};
 use m4gn_mesh::{Error, Result};
-use serde::{Deserialize, Serialize};
+use m4gn_model::settings;
 use std::path::PathBuf;
 
 /// Most strides of a jump: more than any run has, and few enough for a number each.
 const LONGEST: usize = 1_000_000;
 
-/// Settings of a dmd surrogate in a run. All have defaults.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct DmdSettings {
-    /// Time between snapshots, s; none: 25 of the solver's steps at the start.
-    pub snapshot_interval: Option<f64>,
-    /// Largest error of the held-back tail, and of a stride after a jump, over what holding would be off by.
-    pub jump_tolerance: f64,
-    /// Error below which a fit is used at once; above it, within the tolerance, only once waiting does not better it.
-    pub fit_tolerance: f64,
-    /// Strides of the first jump of a fit.
-    pub initial_jump: usize,
-    /// How much longer the next jump may be.
-    pub jump_growth: f64,
-    /// Strides of a jump at most.
-    pub max_jump: usize,
-    /// Strides of the solver between tries of a fit.
-    pub refit_interval: usize,
-    /// Snapshots in a fit at most.
-    pub window: usize,
-    /// Snapshots without a gap that a fit needs; none: the window, since the first states after a jump are not yet the solver's own.
-    pub min_snapshots: Option<usize>,
-    /// Snapshots that are held back.
-    pub hold_out: usize,
-    /// Delays to choose from.
-    pub delays: Vec<usize>,
-    /// Ranks to choose from.
-    pub svd_rank: Vec<usize>,
-    /// Whether modes may grow; none: the tail says.
-    pub unstable_modes: Option<bool>,
-    /// How snapshots are kept: double or single.
-    pub storage: Storage,
-    /// Where the snapshots are kept for a run that is carried on, a file a rank; none: they are not.
-    pub file: Option<PathBuf>,
-}
-
-impl Default for DmdSettings {
-    fn default() -> Self {
-        let fit = FitSettings::default();
-        DmdSettings {
-            snapshot_interval: None,
-            jump_tolerance: 0.02,
-            fit_tolerance: 0.005,
-            initial_jump: 10,
-            jump_growth: 1.5,
-            max_jump: 200,
-            refit_interval: 5,
-            window: fit.window,
-            min_snapshots: None,
-            hold_out: fit.hold_out,
-            delays: fit.delays,
-            svd_rank: fit.svd_rank,
-            unstable_modes: fit.unstable_modes,
-            storage: Storage::default(),
-            file: None,
-        }
+settings! {
+    /// Settings of a dmd surrogate in a run.
+    pub struct DmdSettings in "dmd" {
+        /// Time between the states that are kept, the stride: a tenth to a twentieth of the period of what the flow does.
+        pub snapshot_interval: Option<f64> [s] = None, "25 time steps";
+        /// States in a fit at most, up to 1000.
+        pub window: usize = FitSettings::default().window;
+        // The first states after a jump are not yet the solver's own.
+        /// States without a gap that a fit needs.
+        pub min_snapshots: Option<usize> = None, "`window`";
+        /// States at the end of the window that are held back to choose by.
+        pub hold_out: usize = FitSettings::default().hold_out;
+        /// Numbers of states in a delayed state to choose from.
+        pub delays: Vec<usize> = FitSettings::default().delays;
+        /// Numbers of directions that are kept of the delayed states, to choose from.
+        pub svd_rank: Vec<usize> = FitSettings::default().svd_rank;
+        /// Whether modes that grow go on growing, in place of keeping their size.
+        pub unstable_modes: Option<bool> = FitSettings::default().unstable_modes, "the held-back states say";
+        /// Strides of the solver between tries of a fit.
+        pub refit_interval: usize = 5;
+        /// Error of the held-back states, over that of holding the last state before them, below which a fit is used at once; one between
+        /// this and `jumpTolerance` is used when three later tries are not better by three tenths. A stride beside the solver with an error
+        /// below this, or below twice the fit's, makes the next jump longer; one above makes it shorter.
+        pub fit_tolerance: f64 = 0.005;
+        /// Largest error of the held-back states, and of a stride beside the solver after a jump, over that of holding the last state.
+        pub jump_tolerance: f64 = 0.02;
+        /// Strides of the first jump of a fit.
+        pub initial_jump: usize = 10;
+        /// How much longer the next jump may be.
+        pub jump_growth: f64 = 1.5;
+        /// Strides of a jump at most, up to a million.
+        pub max_jump: usize = 200;
+        /// How states are kept: `double` or `single`; sums are double with both.
+        pub storage: Storage = Storage::default();
+        /// Whether states are kept on disk for a run that is carried on.
+        pub keep: bool = true;
+        /// Where they are kept, a file a rank.
+        pub file: Option<PathBuf> = None, "nowhere";
     }
 }
 

@@ -9,14 +9,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::PathBuf;
 
-/// Strides of a rollout where nothing else is said.
-const ROLLOUT: usize = 50;
-
 /// Tolerance of control where a surrogate needs it and nothing is said.
 const TOLERANCE: f64 = 0.05;
-
-/// Significant digits where nothing else is said.
-const PRECISION: usize = 6;
 
 /// Most of them: more tell nothing.
 const MOST_DIGITS: usize = 20;
@@ -31,60 +25,46 @@ pub enum Mode {
     Replace,
 }
 
-/// Settings of a ride; of mode observe, `mode` suffices.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RideSettings {
-    /// What the surrogates do.
-    pub mode: Mode,
-    /// Which surrogates there are; none: a network.
-    #[serde(default = "network")]
-    pub surrogates: Vec<Kind>,
-    /// Settings of the dmd one.
-    #[serde(default)]
-    pub dmd: Option<DmdSettings>,
-    /// Name of the ride in messages.
-    #[serde(default)]
-    pub name: String,
-    /// Steps of the solver before each jump (replace).
-    #[serde(default)]
-    pub solver_steps: Option<usize>,
-    /// Strides of a jump, with control at most (replace).
-    #[serde(default)]
-    pub surrogate_steps: Option<usize>,
-    /// Strides after which a rollout begins anew (observe).
-    #[serde(default = "rollout")]
-    pub rollout_steps: usize,
-    /// Whether errors are told for each segment, and kept for each cell (observe).
-    #[serde(default)]
-    pub write_errors: bool,
-    /// The solver is alone before, s; none: from the start.
-    #[serde(default)]
-    pub time_start: Option<f64>,
-    /// And after, s; none: to the end.
-    #[serde(default)]
-    pub time_end: Option<f64>,
-    /// How far jumps may go; none: as far as `surrogate_steps` says.
-    #[serde(default)]
-    pub control: Option<ControlSettings>,
-    /// What other parts of the run report, and how far off it may be at the end of a jump (replace).
-    #[serde(default)]
-    pub quantities: Vec<QuantitySettings>,
-    /// How the surrogates learn from the solver's steps: their own settings, with `start` and `write_model`; none: they do not.
-    #[serde(default)]
-    pub adapt: Option<Value>,
-    /// Significant digits of tables and messages.
-    #[serde(default = "precision")]
-    pub write_precision: usize,
-    /// Where the model is from, in messages and tables.
-    #[serde(default)]
-    pub model: String,
-    /// What the host keeps in the state for itself, any text ([`crate::host_of`]).
-    #[serde(default)]
-    pub host: String,
-    /// Wall time that making the surrogates took, s: for the summary.
-    #[serde(default)]
-    pub setup_seconds: f64,
+settings! {
+    /// Settings of a ride; of mode observe, `mode` suffices.
+    pub struct RideSettings in "ride" {
+        /// `replace`: surrogates take over stretches of time steps; `observe`: they run beside the solver, and their errors are reported.
+        pub mode: Mode;
+        /// What takes the solver's place: `network`, a trained model; `dmd`, which is fitted to the run's own states and needs no model;
+        /// or both, of which the nearer one to the solver jumps.
+        pub surrogates: Vec<Kind> = vec![Kind::Network];
+        /// How the dmd surrogate is fitted (dictionary).
+        pub dmd: Option<DmdSettings> = None, "its defaults";
+        /// replace: time steps of the solver before each jump.
+        pub solver_steps: Option<usize> = None, "required in mode replace; with dmd 1";
+        /// replace: strides of a jump, with `control` at most.
+        pub surrogate_steps: Option<usize> = None, "required in mode replace; with dmd `maxJump`";
+        /// observe: strides after which a rollout begins anew.
+        pub rollout_steps: usize = 50;
+        /// observe: where rollouts are off, at each cell and in each segment.
+        pub write_errors: bool = false;
+        /// The solver is alone before.
+        pub time_start: Option<f64> [s] = None, "start of the run";
+        /// The solver is alone after.
+        pub time_end: Option<f64> [s] = None, "end of the run";
+        /// How far a jump may go (dictionary); observe: what it would have done.
+        pub control: Option<ControlSettings> = None, "`surrogateSteps`, always; with dmd in mode replace `tolerance` 0.05";
+        /// replace: list of results of other parts of the run that are held at the ends of jumps (dictionaries).
+        pub quantities: Vec<QuantitySettings> = Vec::new(), "none";
+        /// The model learns the case from the solver's steps (dictionary): its own settings, with `start` and `writeModel`, the path of the
+        /// adapted model.
+        pub adapt: Option<Value> = None, "it does not";
+        /// Significant digits of tables and messages.
+        pub write_precision: usize = 6;
+        /// Name of the ride in messages.
+        pub name: String = String::new();
+        /// Where the model is from, in messages and tables.
+        pub model: String = String::new();
+        /// Any text that the host keeps in the state for itself, of the first rank.
+        pub host: String = String::new();
+        /// Wall time that making the surrogates took, for the summary.
+        pub setup_seconds: f64 [s] = 0.0;
+    }
 }
 
 /// A kind of surrogate.
@@ -95,18 +75,6 @@ pub enum Kind {
     Network,
     /// One that is fitted to the run's own states.
     Dmd,
-}
-
-fn network() -> Vec<Kind> {
-    vec![Kind::Network]
-}
-
-fn rollout() -> usize {
-    ROLLOUT
-}
-
-fn precision() -> usize {
-    PRECISION
 }
 
 /// The entries of `adapt` that are the ride's own.
@@ -138,6 +106,9 @@ impl RideSettings {
                 read.control.get_or_insert_with(|| ControlSettings::of(TOLERANCE));
                 read.solver_steps.get_or_insert(1);
                 read.surrogate_steps.get_or_insert(dmd.max_jump);
+            }
+            if !dmd.keep {
+                dmd.file = None;
             }
         }
         read.check()?;
