@@ -77,26 +77,13 @@ void m4gn_finalize(void);
 /* What is words and numbers is given to a call as its settings: the text of a JSON object, or NULL for {}. What is not given
  * has its default. The names are those of a case dictionary (docs/dictionary.md), as distance_scale or as distanceScale. A
  * name that is not known and a value of another type or out of range are M4GN_ERROR_INPUT, with a message that names the
- * entry, what was expected and what was found.
+ * entry, what was expected and what was found. The tables are made of the settings structs of the core (tests/tables.rs).
  *
  * segments: how the mesh is cut, an object of what differs from the model's segmentation (m4gn_session_new; m4gn_segments_new
  * with a model), or from the defaults:
  *
- *   name            default     meaning
- *   method          "slic-md"   "metis", "slic-md", "slic-mdodl", "slic-mdode"
- *   count           36          number of segments K
- *   modes           6           number of modes m
- *   operator        null        "laplacian" or "elastic"; null: elastic where the mesh has such modes
- *   tau             1.0         weight of positions against modes
- *   size            null        size S of a segment, m; null: from K
- *   iterations      20          most sweeps of SLIC, up to 10000
- *   connected       true        every segment is connected
- *   distance_scale  null        length of the distance to the obstacle, m; 0: off (the paper); null: S
- *   scaled_modes    true        a mode enters as S times itself; false: as it is (the paper)
- *   margin          1e-5        by how much of S a centroid must be nearer to take a cell away; 0: the paper
- *   obstacles       []          names of the patches that are the obstacle; []: found by their node types
- *   overlap         0           layers by which segments overlap
- *   modal_solver    "auto"      "auto" (by size), "direct" or "iterative"
+ * [table segments]
+ * [end]
  */
 
 /* Whether settings are valid, as far as can be said without a mesh, a model and other ranks: those of m4gn_session_new
@@ -211,20 +198,8 @@ typedef struct m4gn_session m4gn_session;
 
 /* Collective. Builds graph, modes and segments for a model, the same on all ranks. On failure *session is NULL. The settings are
  *
- *   name            default     meaning
- *   backend         "native"    "native", "torch", or "torch:DEVICE", e.g. "torch:cuda:0"
- *   n_threads       1           threads of this rank
- *   precision       "fp32"      of the native backend's products: "fp32", "bf16", "auto" (the faster), or "model" ("auto" for a model
- *                               of fields at cells that was trained in bf16, else "fp32")
- *   resolution      "auto"      of fields at cells: mean distance of the network's nodes, "auto" for what the model was trained
- *                               on, "off" for a node a cell, or a length, m
- *   segments        {}          what differs from the segmentation that the model was trained with, see above
- *   projection      null        of a body: its contact with the obstacle is projected after each step. Object with what
- *                               differs from the defaults, {"clearance": 0.0, "tolerance": 0.005, "radius": 6.0,
- *                               "self_contact": false, "sweeps": 12}, lengths in mean edges at rest; null: no projection
- *   solid           null        what the solver says of a solid at cells, for m4gn_session_outside, each entry optional: {"E":
- *                               [lowest, highest], "nu": [0.3, 0.3], "rho": ..., "traction": ..., "laws": ["linearElastic"],
- *                               "schemes": ["Euler"]}: Pa, kg/m^3; the largest traction on a face, Pa
+ * [table session]
+ * [end]
  */
 int32_t m4gn_session_new(
     int32_t comm, /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI; duplicated */
@@ -426,48 +401,23 @@ typedef struct m4gn_ride_surrogates
  * outputs of the model, and arrays that are measured; boundary values are read of the former only, and may be NULL of the others. Of a
  * body with an obstacle, m4gn_session_set_obstacle comes before each call that is given fields. On failure *ride is NULL. The settings are
  *
- *   name            default     meaning
- *   mode                        "replace", or "observe": the surrogates are compared with the solver, which runs as without them; must
- *                               be given
- *   surrogates      ["network"] or ["dmd"], or both
- *   name            ""          of the ride, in messages
- *   solver_steps                steps of the solver before each jump; must be given in mode replace, with dmd 1
- *   surrogate_steps             strides of a jump, with control at most; must be given in mode replace, with dmd `maxJump`
- *   rollout_steps   50          mode observe: strides after which a rollout begins anew
- *   write_errors    false       mode observe: errors in each segment and at each cell
- *   time_start      null        the solver is alone before, s; null: from the start
- *   time_end        null        and after, s; null: to the end
- *   control         null        how far a jump may go (docs/control.md): {"tolerance": 0.05} suffices, and is there with dmd in mode
- *                               replace; others: rel_tol (0.2), fields (["U"]; the first predicted one, of several surrogates the first
- *                               that all predict), on_failure ("solver", or "stop"), patience (10)
- *   dmd             {}          how the dmd surrogate is fitted, see below
- *   quantities      []          mode replace: results of other parts of the run, and how far off they may be at the end of a jump:
- *                               [{"object": "forces", "result": "Cd", "tolerance": 0.01}] (docs/control.md)
- *   adapt           null        the model learns the case (docs/adaptation.md): {"mode": "before"}; start: time of the first frame, s
- *                               (a third of the time before time_start); writeModel: path of the adapted model, false
- *   write_precision 6           significant digits of tables and messages
- *   model           ""          where the model is from, in messages and tables
- *   host            ""          any text that the host keeps in the state for itself, of the first rank (m4gn_ride_host)
- *   setup_seconds   0           wall time that making the session took, s: for the summary
+ * [table ride]
+ * [end]
  *
- * and those of dmd
+ * those of control (docs/control.md)
  *
- *   snapshot_interval null        time between states, the stride, s; null: 25 time steps
- *   jump_tolerance  0.02        most that a fit may be off on the held-back end of its window, and in a stride after a jump, over what
- *                               holding would be off by
- *   fit_tolerance   0.005       error below which a fit is used at once; above it when three later tries are hardly better
- *   initial_jump    10          strides of the first jump of a fit
- *   jump_growth     1.5         how much longer the next may be
- *   max_jump        200         strides of a jump at most
- *   refit_interval  5           strides of the solver between tries of a fit
- *   window          40          states in a fit at most
- *   min_snapshots   40          states without a gap that it needs
- *   hold_out        5           states that are held back
- *   delays          [5, 8, 12]  delays to choose from
- *   svd_rank        [12, 30]    ranks to choose from
- *   unstable_modes  null        whether modes may grow; null: the held-back states say
- *   storage         "double"    or "single": how states are kept; sums are double with both
- *   file            null        where states are kept for a restart, a file a rank; null: they are not
+ * [table control]
+ * [end]
+ *
+ * those of an object of quantities
+ *
+ * [table quantities]
+ * [end]
+ *
+ * and those of dmd (docs/dmd.md)
+ *
+ * [table dmd]
+ * [end]
  */
 int32_t m4gn_ride_new(
     int32_t
@@ -563,10 +513,8 @@ typedef struct m4gn_segments m4gn_segments;
 
 /* Collective. Cuts the mesh; on failure *segments is NULL. The settings are
  *
- *   name            default     meaning
- *   segments        {}          what differs from the model's segmentation, or from the default, see above
- *   with_modes      false       compute and keep the modes; if false, m4gn_segments_n_modes is 0, and with cell_segment
- *                               nothing is solved
+ * [table segments_request]
+ * [end]
  */
 int32_t m4gn_segments_new(
     int32_t comm, const m4gn_mesh_data* mesh,
@@ -642,11 +590,8 @@ typedef struct m4gn_csr
 /* Collective. Solves for the modes of K and M that are symmetric and positive semi-definite; M may be singular, NULL is the
  * identity. On failure *modes is NULL. The settings are
  *
- *   name            default     meaning
- *   modes           6           how many. Repeated eigenvalues are taken whole: there may be more
- *   modal_solver    "auto"      "auto" (by size), "direct" (factorisation), "iterative" (multigrid)
- *   block           1           unknowns a point, in consecutive rows
- *   shift           null        a number a little below the eigenvalues wanted; null: estimated
+ * [table modes]
+ * [end]
  */
 int32_t m4gn_modes_new(
     int32_t comm, /* MPI_Comm_c2f of the host's communicator, or M4GN_NO_MPI */
@@ -723,11 +668,8 @@ typedef struct m4gn_recorder_field
 
 /* Collective. On failure *recorder is NULL. The settings are
  *
- *   name            default     meaning
- *   path                        final name of the HDF5 file; written beside it first, renamed when whole; must be given
- *   provenance      {}          application, case, ...: any object, kept with the data. That of rank 0 counts
- *   split           "train"     "train", "valid" or "test"
- *   overwrite       false       false: an existing file is an error
+ * [table recorder]
+ * [end]
  */
 int32_t m4gn_recorder_new(
     int32_t comm, const m4gn_mesh_data* mesh, const char* options, const m4gn_recorder_field* fields,

@@ -114,10 +114,7 @@ Foam::m4gnRide::m4gnRide(
 
     if (run) {
         dictionary dmd(own.subOrEmptyDict("dmd"));
-        if (dmd.getOrDefault<bool>("keep", true)) {
-            dmd.set("file", string(mesh.time().globalPath() / "postProcessing" / name / "states"));
-        }
-        dmd.remove("keep");
+        dmd.set("file", string(mesh.time().globalPath() / "postProcessing" / name / "states"));
         own.set("dmd", dmd);
     }
 
@@ -166,10 +163,6 @@ void Foam::m4gnRide::checkDictionary(const dictionary& dict)
     if (own.subOrEmptyDict("adapt").found("writeModel")) {
         own.subDict("adapt").get<bool>("writeModel");
         own.subDict("adapt").remove("writeModel");
-    }
-    if (own.subOrEmptyDict("dmd").found("keep")) {
-        own.subDict("dmd").get<bool>("keep");
-        own.subDict("dmd").remove("keep");
     }
     if (own.subOrEmptyDict("dmd").found("file")) {
         FatalIOErrorInFunction(dict) << "dmd has no entry file: keep says whether states are kept"

@@ -25,6 +25,7 @@ pub use fit::*;
 pub use linear::ArrayData;
 pub use model::*;
 pub use modes::*;
+pub use options::tables;
 pub use own::SurrogateData;
 pub use raw::{FieldData, FieldOut, MeshData, SolidData};
 pub use recorder::*;

@@ -6,6 +6,10 @@ use super::recorder::RecorderOptions;
 use super::ride;
 use super::segments::Request;
 use m4gn_mesh::{Error, Result};
+use m4gn_model::SegmentSpec;
+use m4gn_model::settings::table::Table;
+use m4gn_ride::control::ControlSettings;
+use m4gn_ride::{DmdSettings, QuantitySettings, RideSettings};
 use m4gn_step::SessionOptions;
 use std::ffi::c_char;
 
@@ -22,6 +26,21 @@ fn check(kind: &str, options: &str) -> Result<()> {
             "kind of options '{kind}': expected session, segments, modes, solid_modes, recorder or ride"
         ))),
     }
+}
+
+/// The entries of all settings.
+pub fn tables() -> Vec<Table> {
+    vec![
+        SegmentSpec::table(),
+        SessionOptions::table(),
+        RideSettings::table(),
+        ControlSettings::table(),
+        QuantitySettings::table(),
+        DmdSettings::table(),
+        Request::table(),
+        ModesOptions::table(),
+        RecorderOptions::table(),
+    ]
 }
 
 exports! {

@@ -35,7 +35,7 @@ pub struct SegmentsHandle {
 
 settings! {
     /// What the host asks for.
-    pub(super) struct Request in "segments_new" {
+    pub(super) struct Request in "segments_request" {
         /// How the mesh is cut (dictionary): what differs from the model's segmentation, without a model from the defaults.
         pub(super) segments: SegmentEntries = SegmentEntries::default(), "nothing";
         /// Whether modes are computed and kept.

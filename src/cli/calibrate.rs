@@ -40,8 +40,7 @@ pub struct Args {
     /// Measure how often the model's own calibration holds here
     #[arg(long, conflicts_with = "out")]
     check: bool,
-    /// Mean distance of the network's nodes: auto (the model's own), off (a node a cell), or a length in m
-    #[arg(long, default_value = "auto")]
+    #[arg(long, default_value = "auto", help = SessionOptions::table().help("resolution"))]
     resolution: Resolution,
     /// Threads
     #[arg(long, value_name = "N", default_value_t = 1)]

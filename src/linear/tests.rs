@@ -364,7 +364,7 @@ fn what_is_wrong_is_named() {
     assert!(of(vec![Field::carried("phi", 2)], good()).contains("weight"));
     assert!(of(vec![Field { len: 4, ..field() }], good()).contains("weights"));
     assert!(of(vec![Field::weighted("U", 1, vec![-1.0])], good()).contains("not below 0"));
-    assert!(of(vec![field()], Settings { interval: 0.0, ..good() }).contains("interval"));
+    assert!(of(vec![field()], Settings { interval: 0.0, ..good() }).contains("snapshotInterval"));
     for (fit, words) in [
         (FitSettings { hold_out: 0, ..fit() }, "holdOut"),
         (FitSettings { min_snapshots: 4, ..fit() }, "minSnapshots"),

@@ -51,8 +51,7 @@ settings! {
         pub control: Option<ControlSettings> = None, "`surrogateSteps`, always; with dmd in mode replace `tolerance` 0.05";
         /// replace: list of results of other parts of the run that are held at the ends of jumps (dictionaries).
         pub quantities: Vec<QuantitySettings> = Vec::new(), "none";
-        /// The model learns the case from the solver's steps (dictionary): its own settings, with `start` and `writeModel`, the path of the
-        /// adapted model.
+        /// The model learns the case from the solver's steps (dictionary).
         pub adapt: Option<Value> = None, "it does not";
         /// Significant digits of tables and messages.
         pub write_precision: usize = 6;

@@ -3,7 +3,7 @@
 use m4gn_mesh::{NodeType, Result};
 use m4gn_model::MAX_SEGMENTS;
 use m4gn_model::modal::ModalSolver;
-use m4gn_model::{SegmentEntries, SegmentMethod, settings};
+use m4gn_model::{SegmentEntries, SegmentMethod, SegmentSpec, settings};
 use serde_json::{Map, Value};
 use std::path::PathBuf;
 
@@ -31,15 +31,11 @@ pub struct Args {
     /// Numbers of segments to compare
     #[arg(long, value_name = "K1,K2,...", value_delimiter = ',', value_parser = count)]
     pub(super) sweep: Vec<usize>,
-    /// Methods to compare: metis, slic-md, slic-mdodl, slic-mdode. The first one is written [default: all that the
-    /// mesh has use for; written is the case's, the model's, or slic-md]
-    #[arg(long, value_name = "METHOD,...", value_delimiter = ',', value_parser = method)]
+    #[arg(long, value_name = "METHOD,...", value_delimiter = ',', value_parser = method, help = methods())]
     pub(super) method: Vec<SegmentMethod>,
-    /// Number of Laplacian modes m [default: 6]
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", help = default_of("modes"))]
     pub(super) modes: Option<usize>,
-    /// The way to the modes: auto, direct or iterative [default: auto, by size]
-    #[arg(long, value_name = "SOLVER", value_parser = modal_solver)]
+    #[arg(long, value_name = "SOLVER", value_parser = modal_solver, help = default_of("modal_solver"))]
     pub(super) modal_solver: Option<ModalSolver>,
     /// Another entry of 'segments', as in a dictionary (docs/dictionary.md): tau=0.5, overlap=1, obstacles=["wing"]; may be repeated
     #[arg(long, value_name = "ENTRY=VALUE", value_parser = entry)]
@@ -84,6 +80,22 @@ impl Args {
         entries.extend(named.into_iter().filter_map(|(name, value)| Some((name.into(), value?))));
         settings::parse("--set", &Value::Object(entries).to_string(), &[])
     }
+}
+
+/// What an entry of segments means, and its default.
+fn default_of(name: &str) -> String {
+    let table = SegmentSpec::table();
+    let default = table.entries.iter().find(|e| e.name == name).and_then(|e| e.default.clone());
+    format!("{} [default: {}]", table.help(name), default.unwrap_or_default().to_string().trim_matches('"'))
+}
+
+fn methods() -> String {
+    format!(
+        "Methods to compare, of which the first one is written: {} [default: all that the mesh has use for; written is the case's, the \
+         model's, or {}]",
+        SegmentSpec::table().help("method"),
+        SegmentSpec::default().method
+    )
 }
 
 fn entry(text: &str) -> std::result::Result<(String, Value), String> {

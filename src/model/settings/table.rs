@@ -39,7 +39,7 @@ impl Table {
         let found = self.entries.iter().find(|e| e.name == name);
         let entry = found.unwrap_or_else(|| panic!("{} has no entry {name}", self.name));
         let unit = if entry.unit.is_empty() { String::new() } else { format!(", {}", entry.unit) };
-        format!("{}{unit}", entry.text.replace('`', ""))
+        format!("{}{unit}", entry.text.trim_end_matches('.').replace('`', ""))
     }
 }
 
@@ -138,4 +138,62 @@ macro_rules! settings {
         }
     };
     (@default $($required:tt)*) => {};
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    crate::settings! {
+        /// Of a walk.
+        struct Walk in "walk" {
+            /// How far,
+            /// there and back.
+            length: f64 [m];
+            /// With whom.
+            company: Vec<String> = Vec::new(), "nobody";
+            /// How fast.
+            #[serde(skip_serializing_if = "Option::is_none")]
+            pace: Option<usize> = Some(3);
+        }
+        beside {
+            /// Its own.
+            steps: usize;
+        }
+    }
+
+    crate::settings! {
+        /// Without a required entry.
+        struct Rest in "rest" {
+            /// How long.
+            time: f64 [s] = 0.5;
+        }
+    }
+
+    #[test]
+    fn a_table_says_what_the_struct_does() {
+        let entries = Walk::table().entries;
+        assert_eq!((entries[0].text, entries[0].unit), ("How far, there and back.", "m"));
+        assert_eq!((entries[0].default.clone(), entries[2].default.clone()), (None, Some(json!(3))));
+        assert_eq!((entries[1].default.clone(), entries[1].shown), (Some(json!([])), Some("nobody")));
+        assert_eq!(Walk::table().help("length"), "How far, there and back, m");
+        assert_eq!(Rest::table().entries[0].default, Some(json!(Rest::default().time)));
+    }
+
+    #[test]
+    fn what_is_given_is_read_and_what_is_required_is_missed() {
+        let read = |entries: Value| Walk::deserialize(entries).map_err(|e| e.to_string());
+        let walk = read(json!({"length": 2, "pace": null})).unwrap();
+        assert_eq!(walk, Walk { length: 2.0, company: Vec::new(), pace: None, steps: 0 });
+        assert_eq!(serde_json::to_value(walk).unwrap(), json!({"length": 2.0, "company": []}));
+        assert_eq!(read(json!({"pace": 1})).unwrap_err(), "missing field `length`");
+        let message = read(json!({"length": 2, "pase": 1})).unwrap_err();
+        assert!(
+            message.starts_with("unknown field `pase`, expected one of `length`, `company`, `pace`"),
+            "{message}"
+        );
+        assert_eq!(read(json!([])).unwrap_err(), "invalid type: sequence, expected a map");
+        assert!(read(json!({"length": "far"})).unwrap_err().contains("expected f64"));
+    }
 }
