@@ -23,11 +23,6 @@ Foam::word Foam::m4gnVertexCentredState::displacementName(const dictionary& dict
     return dict.getOrDefault<word>("D", "pointD");
 }
 
-Foam::ITstream& Foam::m4gnVertexCentredState::newmark() const
-{
-    return mesh_.d2dt2Scheme("d2dt2(" + DName_ + ')');
-}
-
 void Foam::m4gnVertexCentredState::holdFixed()
 {
     const pointVectorField& D = field(DName_);
@@ -62,11 +57,11 @@ void Foam::m4gnVertexCentredState::settle(const scalar deltaT, const bool handOv
 
     pointVectorField& D = field(DName_);
 
-    settled_ = settling_->settle(
+    const bool settled = settling_->settle(
         *law_, D.primitiveFieldRef(), field("pointU").primitiveFieldRef(), acceleration(),
         // What Euler's scheme has for the rate
         scheme_ == "Euler" ? deltaT : 0);
-    if (!settled_) {
+    if (!settled) {
         D.correctBoundaryConditions();
     }
     if (handOver) {
@@ -87,12 +82,9 @@ Foam::m4gnVertexCentredState::m4gnVertexCentredState(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
     : m4gnModelState(mesh, dict, session), DName_(displacementName(dict)),
       scheme_(m4gn::scheme(mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')')),
-      law_(m4gnSolidLaw::New(mesh)), followed_(false), settled_(false),
-      dampedSteps_(dict.getOrDefault<label>("dampedSteps", 4)),
-      dampedStepsSettled_(dict.getOrDefault<label>("dampedSteps", 1)), coefficients_(scalar(0))
+      law_(m4gnSolidLaw::New(mesh)), followed_(false)
 {
     refuseHistory();
-    m4gn::checkAtLeast(dict, "dampedSteps", dampedSteps_, 0);
 
     wordList needed(1, DName_);
 
@@ -101,12 +93,6 @@ Foam::m4gnVertexCentredState::m4gnVertexCentredState(
     } else if (scheme_ == "NewmarkBeta") {
         needed.append("pointU");
         needed.append("pointA");
-
-        ITstream& scheme = newmark();
-        word name(scheme);
-        for (scalar& coefficient : coefficients_) {
-            coefficient = readScalar(scheme);
-        }
     } else if (scheme_ != "steadyState") {
         FatalErrorInFunction << "mode replace does not handle the time scheme of " << DName_
                              << " in d2dt2Schemes: " << scheme_ << nl
@@ -182,22 +168,6 @@ void Foam::m4gnVertexCentredState::write() const
         return;
     }
     m4gnSolverState::write();
-}
-
-void Foam::m4gnVertexCentredState::beforeStep(const label n)
-{
-    if (scheme_ != "NewmarkBeta") {
-        return;
-    }
-
-    const FixedList<scalar, 2> damped({1, 1.5});
-    const label nDamped = settled_ ? dampedStepsSettled_ : dampedSteps_;
-    const auto& wanted = n < nDamped ? damped : coefficients_;
-
-    ITstream& scheme = newmark();
-    forAll(wanted, i) {
-        scheme[1 + i] = token(wanted[i]);
-    }
 }
 
 Foam::wordList Foam::m4gnVertexCentredState::advanced() const

@@ -167,9 +167,6 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
             if (ride_.setOldLevels(surrogatei, deltaT)) {
                 clockwork::precede(time_, deltaT);
             }
-            if (last) {
-                state_->beforeStep(0);
-            }
             last_.handedOver = last;
             handOver += timer.increment();
         };

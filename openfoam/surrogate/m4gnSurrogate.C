@@ -85,10 +85,6 @@ void Foam::functionObjects::m4gnSurrogate::load()
 
 void Foam::functionObjects::m4gnSurrogate::follow(const m4gn_ride_answer& answer)
 {
-    if (jump_ && answer.since >= 0) {
-        jump_->solved(answer.since);
-    }
-
     pending_ = answer.action == M4GN_RIDE_DECIDE      ? ride_->decide(answer)
                : answer.action == M4GN_RIDE_HAND_BACK ? ride_->handedBack(answer, List<m4gnRide::quantity>())
                                                       : answer;
