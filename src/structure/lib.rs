@@ -28,7 +28,7 @@ pub use diameter::diameter;
 pub use levels::{Level, Transfer, bi_stride};
 pub use obstacle::obstacle_distance;
 pub use parts::parts;
-pub use quality::{Dissimilarity, Quality, quality};
+pub use quality::{Quality, quality};
 pub use record::{Record, misfit};
 pub use sequence::Sequence;
 pub use structure::Structure;

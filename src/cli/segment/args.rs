@@ -9,9 +9,8 @@ use std::path::PathBuf;
 
 /// Cut the mesh of a case or a trajectory into segments, and say how good they are
 ///
-/// Prints the eigenvalues of the modes, and for each method and number of segments K conductance (lower is better), edge-cut
-/// ratio (lower) and silhouette (higher), sweeps, time and memory. Of several K the one with the largest silhouette is
-/// suggested.
+/// Prints the eigenvalues of the modes, conductance (lower is better), edge-cut ratio (lower) and silhouette (higher) of the
+/// segments, sweeps, time and memory.
 ///
 /// Segments and modes are written for ParaView and for later runs: in a case as the fields m4gnSegment and m4gnMode1,
 /// m4gnMode2, ... in the folder of its start time, where m4gnSurrogate finds them; for a trajectory as points with values
@@ -25,16 +24,12 @@ pub struct Args {
     /// OpenFOAM case, trajectory (*.h5), or folder of trajectories, whose first is taken
     #[arg(value_name = "CASE|DATA")]
     pub(super) path: PathBuf,
-    /// Number of segments K [default: the case's, the model's, the suggested one of --sweep, or 36]
+    /// Number of segments K [default: the case's, the model's, or 36]
     #[arg(long, value_name = "K", value_parser = count)]
     pub(super) segments: Option<usize>,
-    /// Numbers of segments to compare
-    #[arg(long, value_name = "K1,K2,...", value_delimiter = ',', value_parser = count)]
-    pub(super) sweep: Vec<usize>,
-    /// Methods to compare: metis, slic-md, slic-mdodl, slic-mdode. The first one is written [default: all that the
-    /// mesh has use for; written is the case's, the model's, or slic-md]
-    #[arg(long, value_name = "METHOD,...", value_delimiter = ',', value_parser = method)]
-    pub(super) method: Vec<SegmentMethod>,
+    /// metis, slic-md, slic-mdodl or slic-mdode [default: the case's, the model's, or slic-md]
+    #[arg(long, value_parser = method)]
+    pub(super) method: Option<SegmentMethod>,
     /// Number of Laplacian modes m [default: 6]
     #[arg(long, value_name = "M")]
     pub(super) modes: Option<usize>,
@@ -54,9 +49,6 @@ pub struct Args {
     /// Write the figures to this file
     #[arg(long, value_name = "FILE")]
     pub(super) json: Option<PathBuf>,
-    /// Write a picture of the segments of each method and of the first modes to this file; 2-D only
-    #[arg(long, value_name = "FILE.png")]
-    pub(super) picture: Option<PathBuf>,
     /// Write the segments and modes of a trajectory to this file
     #[arg(long, value_name = "FILE.vtu")]
     pub(super) vtu: Option<PathBuf>,
@@ -76,7 +68,7 @@ impl Args {
     pub(super) fn entries(&self) -> Result<SegmentEntries> {
         let mut entries: Map<String, Value> = self.set.iter().cloned().collect();
         let named = [
-            ("method", self.method.first().map(|m| m.name().into())),
+            ("method", self.method.map(|m| m.name().into())),
             ("count", self.segments.map(Value::from)),
             ("modes", self.modes.map(Value::from)),
             ("modal_solver", self.modal_solver.map(|s| serde_json::json!(s))),
@@ -99,7 +91,7 @@ fn count(text: &str) -> std::result::Result<usize, String> {
 }
 
 fn method(text: &str) -> std::result::Result<SegmentMethod, String> {
-    SegmentMethod::parse(text.trim()).map_err(|e| e.to_string())
+    SegmentMethod::parse(text).map_err(|e| e.to_string())
 }
 
 fn modal_solver(text: &str) -> std::result::Result<ModalSolver, String> {
