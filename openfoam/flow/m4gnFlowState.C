@@ -93,8 +93,7 @@ void Foam::m4gnFlowState::correctBoundary(const word& name) const
 
 Foam::turbulenceModel* Foam::m4gnFlowState::turbulence() const
 {
-    const bool given = session_.outputs().found("nut") || frozen_.found("nut");
-    return given || !mesh_.foundObject<volScalarField>("nut")
+    return session_.outputs().found("nut") || !mesh_.foundObject<volScalarField>("nut")
                ? nullptr
                : mesh_.getObjectPtr<turbulenceModel>(turbulenceModel::propertiesName);
 }
@@ -116,7 +115,7 @@ void Foam::m4gnFlowState::checkCase() const
                              << nl << "    Handled: Euler, backward" << exit(FatalError);
     }
 
-    refuseFrozen({UName_, pName_});
+    refuseLeftBehind({UName_, pName_});
 }
 
 bool Foam::m4gnFlowState::applies(const fvMesh& mesh, const dictionary& dict)

@@ -34,44 +34,30 @@ template <class FieldType> void Foam::m4gnModelState::evolving(DynamicList<word>
     }
 }
 
-void Foam::m4gnModelState::refuseFrozen(const wordList& advanced) const
+void Foam::m4gnModelState::refuseLeftBehind(const wordList& advanced) const
 {
     DynamicList<word> evolve, others;
     evolving<volScalarField>(evolve);
     evolving<volVectorField>(evolve);
     evolving<volSymmTensorField>(evolve);
 
-    for (const word& name : frozen_) {
-        if (!mesh_.foundObject<regIOobject>(name) || session_.outputs().found(name)) {
-            FatalErrorInFunction << "Entry frozen has the name " << name << ", which is "
-                                 << (session_.outputs().found(name) ? "predicted by the model"
-                                                                    : "no field of this run")
-                                 << nl << "    Fields with an equation in time: " << m4gn::join(evolve)
-                                 << exit(FatalError);
-        }
-    }
     for (const word& name : evolve) {
-        if (!session_.outputs().found(name) && !advanced.found(name) && !frozen_.found(name)) {
+        if (!session_.outputs().found(name) && !advanced.found(name)) {
             others.append(name);
         }
     }
 
     if (others.size()) {
-        std::string names;
-        for (const word& name : others) {
-            names += (names.empty() ? "" : " ") + name;
-        }
-        FatalErrorInFunction
-            << "The solver has equations in time for " << m4gn::join(others) << ", which the model "
-            << session_.model() << " does not predict: in each jump"
-            << " they would stay behind the other fields" << nl
-            << "    Train a model that predicts them, use surrogates (linear), or say frozen ("
-            << names.c_str() << "); if they may stay" << exit(FatalError);
+        FatalErrorInFunction << "The solver has equations in time for " << m4gn::join(others)
+                             << ", which the model " << session_.model() << " does not predict: in each jump"
+                             << " they would stay behind the other fields" << nl
+                             << "    Train a model that predicts them, or use surrogates (linear)"
+                             << exit(FatalError);
     }
 }
 
 Foam::m4gnModelState::m4gnModelState(const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnSolverState(mesh), session_(session), frozen_(dict.getOrDefault<wordList>("frozen", wordList()))
+    : m4gnSolverState(mesh), session_(session)
 {
     if (session_.stride() < time_.deltaTValue() * (1 - 1e-6)) {
         FatalErrorInFunction << "The stride of the model " << session_.model() << ", " << session_.stride()

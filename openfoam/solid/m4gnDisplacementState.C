@@ -68,7 +68,7 @@ Foam::m4gnDisplacementState::m4gnDisplacementState(
     }
 
     // Displacements and what follows from them are handed over here
-    refuseFrozen(mesh_.sortedNames<volVectorField>());
+    refuseLeftBehind(mesh_.sortedNames<volVectorField>());
 }
 
 void Foam::m4gnDisplacementState::advance(const List<scalarField>& predicted, const scalar duration)

@@ -205,7 +205,7 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     m4gn::checkStatic(mesh_, dict);
 
     ownKeys_ = m4gnRide::keys();
-    ownKeys_.append(wordList({"phi", "state", "frozen", "executeOthers", "writeToFile", "useUserTime"}));
+    ownKeys_.append(wordList({"phi", "state", "executeOthers", "writeToFile", "useUserTime"}));
     ownKeys_.append(m4gnSolverState::keys(dict));
     m4gn::checkDictionaries(dict, {"nodeTypes", "segments", "projection", "adapt", "control", "linear"});
     m4gnOthers::checkDictionary(dict);

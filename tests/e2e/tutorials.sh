@@ -112,22 +112,6 @@ runs decomposePar
 { echo "$harvest"; observe 'outOfRange ignore;'; } > system/functions
 neutral mpirun -np 2 interFoam -parallel
 
-# What the solver alone advances has a note where a jump ends: the turbulence of the first jump, which begins after five steps
-name=turbulence
-tutorial incompressible/pisoFoam/RAS/cavity 1e-3
-network 5e-3 m2/s2
-echo "watch { type m4gnSurrogate; libs (m4gnFoam); mode replace; model \"$work/network.safetensors\"; outOfRange ignore;
-timeStart 0.005; solverSteps 5; surrogateSteps 1; frozen (k epsilon nut); }" > system/functions
-runs pisoFoam
-for field in k epsilon nut; do
-    grep -q 'note .*not advanced by the surrogate, values of time 0.005"' 0.01/$field ||
-        { head -15 0.01/$field; fail "no note in 0.01/$field"; }
-    ! grep -q 'not advanced' 0.02/$field || fail "a note in 0.02/$field, which the solver wrote"
-done
-! grep -q 'not advanced' 0.01/U || fail "a note in 0.01/U"
-grep -q 'the model does not advance .*epsilon' log.run || { cat log.run; fail "it is not said that epsilon stays"; }
-echo "$name: what nobody advances is marked"
-
 # The shipped model of a cylinder in tutorials that are no cylinders in a channel: none is replaced in silence
 while read -r name path solver deltaT what; do
     tutorial "$path" "$deltaT"
