@@ -2,9 +2,10 @@
 //!
 //! Unknown keys are errors, every message names the key, the value found and the values that work.
 
+use crate::delta;
 use m4gn_learn::TrainingConfig;
 use m4gn_mesh::NodeType;
-use m4gn_mesh::{Error, Result, files};
+use m4gn_mesh::{Error, Result};
 use m4gn_model::{
     Activation, Architecture, ArchitectureKeys, ContactSpec, FieldSpec, KindName, MacroSpec, ModelSpec,
     NodeSums, Output, SegmentSpec, WorldEdges,
@@ -95,11 +96,11 @@ pub struct FieldConfig {
 }
 
 impl Config {
-    /// Reads and checks a file.
+    /// Reads and checks a file, which may have a `base` ([`delta`]).
     pub fn read(path: &Path) -> Result<Self> {
-        let text = files::read_text(path)
-            .map_err(|e| Error::file(path, format!("cannot read the training configuration: {e}")))?;
-        Self::parse(&text).map_err(|e| Error::file(path, e.to_string()))
+        let config: Config = delta::read(path)?;
+        config.check().map_err(|e| Error::file(path, e.to_string()))?;
+        Ok(config)
     }
 
     /// Parses and checks TOML text.

@@ -8,6 +8,7 @@ mod advice;
 pub mod checkpoint;
 pub mod config;
 mod data_set;
+pub mod delta;
 mod finish;
 mod journal;
 mod memory;

@@ -14,8 +14,8 @@ use crate::generate::parameter::Settings;
 use crate::generate::process::Surroundings;
 use copy::Copy;
 use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result, files};
-use m4gn_train::{Request, train_native};
+use m4gn_mesh::{Error, Result};
+use m4gn_train::{Request, delta, train_native};
 use serde::Serialize;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -220,8 +220,7 @@ fn random(
     room: &Path,
     tools: &Surroundings,
 ) -> Result<PathBuf> {
-    let text = files::read_text(config).map_err(|e| Error::file(config, format!("cannot be read: {e}")))?;
-    let mut table: toml::Table = text.parse().map_err(|e| Error::file(config, format!("{e}")))?;
+    let mut table = delta::table(config)?;
     let wrong = || {
         Error::file(
             config,
