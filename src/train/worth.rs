@@ -93,14 +93,15 @@ fn courses(work: &Workload, spec: &ModelSpec) -> Result<Vec<Course>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tests::{data, run};
+    use crate::sample::folder;
+    use crate::tests::run;
     use crate::{recorded, sample};
     use m4gn_learn::samples::Sample;
     use m4gn_mesh::NodeType;
 
     /// What is told of a training trajectory after `change`, with so much noise on U.
     fn told(noise: f64, change: impl Fn(&mut Sample)) -> Vec<String> {
-        let folder = data();
+        let folder = folder();
         let spec = m4gn_samples::model::spec();
         let trajectory = m4gn_data::Trajectory::open(folder.path().join("data/000.h5")).unwrap();
         let mut sample = recorded::read(&trajectory, &spec).unwrap();
@@ -135,7 +136,7 @@ mod tests {
 
     #[test]
     fn the_folder_of_the_model_is_made() {
-        let folder = data();
+        let folder = folder();
         let mut r = sample::request(folder.path(), "a", "", 4);
         r.out = folder.path().join("new/models/a.safetensors");
         run(&r).unwrap();
@@ -146,7 +147,7 @@ mod tests {
 
     #[test]
     fn a_node_type_that_only_validation_has_is_refused() {
-        let folder = data();
+        let folder = folder();
         let path = folder.path().join("data/002.h5");
         std::fs::remove_file(&path).unwrap();
         let mut mesh = m4gn_samples::mesh::triangles(6, 4, 1.5, 1.0);

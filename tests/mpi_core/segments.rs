@@ -62,7 +62,7 @@ fn one(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32], spec: &Segme
         format!("{name}: {found_quality:?}, expected {expected_quality:?}"),
     );
     if spec.connected {
-        let pieces = pieces(mesh, &expected.node_segment);
+        let pieces = sample::pieces(mesh, &expected.node_segment);
         checks.that(pieces == spec.count, format!("{name}: {pieces} pieces"));
     }
 }
@@ -73,28 +73,6 @@ fn solve(mesh: &Mesh, spec: &SegmentSpec, comm: &Comm) -> Result<(Segmentation, 
     let labels = &found.node_segment[..mesh.n_cells()];
     let quality = quality(mesh, &mut graph, labels, spec.count, comm)?;
     Ok((found, quality))
-}
-
-/// Connected pieces of equal segments of an undecomposed mesh, by merging labels until nothing changes.
-fn pieces(mesh: &Mesh, segment: &[i32]) -> usize {
-    let mut piece: Vec<usize> = (0..mesh.n_cells()).collect();
-    let mut links: Vec<(usize, usize)> =
-        mesh.face_owner.iter().zip(&mesh.face_neighbour).map(|(&a, &b)| (a as usize, b as usize)).collect();
-    links.extend(mesh.coupled.iter().map(|c| (c.owner as usize, c.global as usize)));
-    links.retain(|&(a, b)| segment[a] == segment[b]);
-    loop {
-        let before = piece.clone();
-        for &(a, b) in &links {
-            let low = piece[a].min(piece[b]);
-            (piece[a], piece[b]) = (low, low);
-        }
-        if piece == before {
-            break;
-        }
-    }
-    piece.sort_unstable();
-    piece.dedup();
-    piece.len()
 }
 
 /// Random numbers that all ranks draw alike (a 64-bit linear congruence).
