@@ -18,7 +18,6 @@ const EXPECTED: [(&str, &str, u64, f64); 10] = [
     ("beam", "cells", 0xf929_2ec3_f931_4d14, 0.06006156456125669),
     ("cylinder-flow", "cells", 0xa8fa_14aa_fa0e_516d, -0.7957298159599304),
     ("cylinder-flow", "groups", 0xcb7c_c863_e12a_f8ee, -0.1545543074607849),
-    ("pressed-beam", "cells", 0x7e6d_7eca_1512_bb22, 0.07002612828346325),
     ("pressed-rubber", "cells", 0x3859_ce91_ac07_5565, 0.44769463585948355),
     ("vibrating-points", "cells", 0x2069_fc77_8f6b_ba62, -1.438423991203308),
     ("vibrating-rubber", "cells", 0x3e6c_df6e_4abd_f53e, 0.10366823234491879),

@@ -266,7 +266,7 @@ fn what_cannot_be_is_refused_before_anything_runs() {
     for (options, words) in [
         (own[0].as_str(), "[hybrid]"),
         (own[1].as_str(), "libm4gnNone.so"),
-        ("--family none-such", "cylinder-flow, pressed-beam, pressed-rubber, vibrating-beam"),
+        ("--family none-such", "cylinder-flow, pressed-rubber, vibrating-beam"),
         ("--set u0=-1", "above 0"),
         ("--plain fast", "loose, coarse"),
         (named.as_str(), "'hybrid' cannot be"),

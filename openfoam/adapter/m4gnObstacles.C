@@ -144,7 +144,7 @@ void Foam::m4gnObstacles::gaps(
     }
 }
 
-Foam::scalar Foam::m4gnObstacles::smallestGap(const volVectorField& D, const bool withCells) const
+Foam::scalar Foam::m4gnObstacles::smallestGap(const volVectorField& D) const
 {
     // All of the body is nearer than this
     const scalar limit = GREAT;
@@ -158,10 +158,7 @@ Foam::scalar Foam::m4gnObstacles::smallestGap(const volVectorField& D, const boo
             continue;
         }
 
-        vectorField moved(patch.patch().Cf());
-        moved += withCells ? patch.patchInternalField()() : patch;
-
-        gaps(moved, mesh_.time().value(), limit, gap, direction);
+        gaps(patch.patch().Cf() + patch, mesh_.time().value(), limit, gap, direction);
         smallest = min(smallest, min(gap));
     }
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSolidDisplacementState.H"
-#include "m4gnObstacles.H"
 #include "m4gnSolverStateType.H"
 #include "Time.H"
 
@@ -16,11 +15,6 @@ void Foam::m4gnSolidDisplacementState::update() { stress_.update(D(), 1e-10); }
 
 void Foam::m4gnSolidDisplacementState::smooth()
 {
-    if (contact_.active()) {
-        gapBefore_ = contact_.project(D());
-        update();
-    }
-
     if (!smoothing_.active()) {
         return;
     }
@@ -41,8 +35,7 @@ bool Foam::m4gnSolidDisplacementState::applies(const fvMesh& mesh, const diction
 
 Foam::m4gnSolidDisplacementState::m4gnSolidDisplacementState(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnDisplacementState(mesh, dict, session), stress_(mesh), smoothing_(mesh, dict, stress_),
-      contact_(mesh, dict, stress_), gapBefore_(0), smoothed_(0)
+    : m4gnDisplacementState(mesh, dict, session), stress_(mesh), smoothing_(mesh, dict, stress_), smoothed_(0)
 {}
 
 void Foam::m4gnSolidDisplacementState::complete(const scalar deltaT, const bool handOver)
@@ -57,10 +50,6 @@ void Foam::m4gnSolidDisplacementState::complete(const scalar deltaT, const bool 
 Foam::List<Foam::m4gnSolverState::quantity> Foam::m4gnSolidDisplacementState::quantities() const
 {
     List<quantity> all(m4gnDisplacementState::quantities());
-    if (contact_.active()) {
-        all.append(quantity("gapBefore", gapBefore_));
-        all.append(quantity("gap", m4gnObstacles::of(mesh_).smallestGap(D())));
-    }
     if (smoothing_.active()) {
         all.append(quantity("smoothed", smoothed_));
     }

@@ -3,7 +3,6 @@
 #include "m4gnSurrogate.H"
 #include "addToRunTimeSelectionTable.H"
 #include "m4gnCheck.H"
-#include "m4gnContactProjection.H"
 #include "m4gnDictionary.H"
 #include "m4gnElasticSmoothing.H"
 #include "m4gnFluxProjection.H"
@@ -223,7 +222,6 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
         const m4gnFluxProjection checked(mesh_, dict);
         m4gnElasticSmoothing::checkDictionary(dict);
         m4gnSettling::checkDictionary(dict);
-        m4gnContactProjection::checkDictionary(dict);
     } else if (m4gnNodes::atPoints(dict)) {
         FatalIOErrorInFunction(dict) << "Entry location is points, which is for mode replace; mode"
                                      << " observe works with fields of cells" << exit(FatalIOError);
