@@ -291,15 +291,6 @@ typedef struct m4gn_projection_report
 int32_t m4gn_session_set_obstacle(
     m4gn_session* session, const double* now, const double* after, int32_t n_obstacle);
 
-/* Collective. Displacement one stride before the next step, m: of this rank's points [3*n_points], n_points being the n_cells of
- * its mesh, and of the obstacle's points [3*n_obstacle], of which that of the first rank counts. It holds for one step. A model that
- * says so (carried, `m4gn calibrate`) takes a step over that stride too, before a step from a state that is not the result of the
- * step before (a host's rounding is let pass), and corrects its next steps by what it was off by. The rest check
- * the values and do not use them, so that a host need not ask; M4GN_ERROR_INPUT for a model of fields at cells. */
-int32_t m4gn_session_set_before(
-    m4gn_session* session, const double* displacement, int32_t n_points, const double* obstacle,
-    int32_t n_obstacle);
-
 /* What the projection did in the last step. M4GN_ERROR_INPUT for a session without projection. */
 int32_t m4gn_session_projection(const m4gn_session* session, m4gn_projection_report* report);
 

@@ -173,15 +173,6 @@ public:
         check(m4gn_session_set_obstacle(session_.get(), now.data(), after.data(), n));
     }
 
-    // Displacement of this rank's points and of the obstacle's points, x y z each, one stride before the next step: of a state that
-    // is neither the result of the step before nor undeformed. Collective.
-    void setBefore(const std::vector<double>& displacement, const std::vector<double>& obstacle)
-    {
-        check(m4gn_session_set_before(
-            session_.get(), displacement.data(), static_cast<int32_t>(displacement.size() / 3),
-            obstacle.data(), static_cast<int32_t>(obstacle.size() / 3)));
-    }
-
     // What the contact projection did in the last step.
     m4gn_projection_report projection() const
     {

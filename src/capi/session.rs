@@ -255,27 +255,6 @@ exports! {
         })
     }
 
-    /// Where body and obstacle were one stride before the next step.
-    fn m4gn_session_set_before(
-        session: *mut SessionHandle,
-        displacement: *const f64,
-        n_points: i32,
-        obstacle: *const f64,
-        n_obstacle: i32,
-    ) -> i32, or |status| status; {
-        // SAFETY: a session of ours, or null.
-        let handle = unsafe { raw::reference_mut("session", session)? };
-        handle.guarded(|handle| {
-            let read = || {
-                let (n, q) = (raw::count("n_points", n_points)?, raw::count("n_obstacle", n_obstacle)?);
-                // SAFETY: the host's arrays, as the header says.
-                unsafe { Ok((raw::vectors("displacement", displacement, n)?, raw::vectors("obstacle", obstacle, q)?)) }
-            };
-            let (displacement, obstacle) = handle.session.comm().agree(read())?;
-            handle.session.set_before(displacement, obstacle)
-        })
-    }
-
     /// What the projection did in the last step.
     fn m4gn_session_projection(session: *const SessionHandle, report: *mut ProjectionData) -> i32, or |s| s; {
         // SAFETY: a session of ours and the host's struct, or null.

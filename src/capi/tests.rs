@@ -118,7 +118,6 @@ fn null_handles_and_pointers_are_errors() {
         assert!(CStr::from_ptr(m4gn_last_error()).to_str().unwrap().contains("mesh: expected"));
         assert!(handle.is_null());
         assert_eq!(session::m4gn_session_step(null_mut(), null(), 0, null(), 0), 1);
-        assert_eq!(session::m4gn_session_set_before(null_mut(), null(), 0, null(), 0), 1);
         assert_eq!(session::m4gn_session_field(null(), 0, null_mut()), 1);
         assert_eq!(session::m4gn_session_segments(null(), null_mut()), 1);
         assert_eq!(session::m4gn_session_n_fields(null()), -1);

@@ -57,15 +57,6 @@ pub trait Host: Send {
         Err(Error::Input("the model is of fields at cells: it knows no obstacle that moves".into()))
     }
 
-    /// Takes the displacement one stride before the next step, m: of this rank's points, and of an obstacle's. Collective; all ranks
-    /// fail together.
-    ///
-    /// # Errors
-    /// As [`Host::set_obstacle`].
-    fn set_before(&mut self, _comm: &Comm, _body: &[Vector], _obstacle: &[Vector]) -> Result<()> {
-        Err(Error::Input("the model is of fields at cells: it reads nothing of the stride before".into()))
-    }
-
     /// What the network lives on, cut by the segments of the host's nodes. `mesh` is the host's. Collective; all ranks fail together.
     ///
     /// # Errors
@@ -77,9 +68,6 @@ pub trait Host: Send {
         spec: &ModelSpec,
         cut: (&SegmentSpec, &[i32]),
     ) -> Result<Structure>;
-
-    /// The weights are others from now on.
-    fn weights_changed(&mut self) {}
 
     /// What the projection did in the last step; none without one.
     fn projection(&self) -> Option<&ProjectionReport> {

@@ -233,7 +233,7 @@ mod tests {
 
     fn grows(fields: &[&str]) -> Option<Calibration> {
         let growth = fields.iter().map(|f| Growth { field: (*f).into(), factors: vec![1.0] });
-        Some(Calibration { growth: growth.collect(), ..Calibration::of_carried(1.0) })
+        Some(Calibration { growth: growth.collect(), ..Calibration::default() })
     }
 
     #[test]
@@ -284,7 +284,6 @@ mod tests {
             }),
             ("each once, found T", |s| s.calibration = grows(&["T"])),
             ("each once, found U", |s| s.calibration = grows(&["U", "U"])),
-            ("calibration.carried", |s| s.calibration = Some(Calibration::of_carried(1.5))),
             ("segments.count", |s| s.segments.count = 0),
         ];
         for (word, change) in broken {

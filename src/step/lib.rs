@@ -156,18 +156,6 @@ impl Session {
         self.host.set_obstacle(&self.comm, [now, after])
     }
 
-    /// Takes the displacement one stride before the next step, m: of this rank's points, and of the obstacle's points `[Q]`, of which
-    /// that of the first rank counts. Before a step from a state that is not the result of the step before, models are corrected in
-    /// the next steps by what they are off by over that stride, where they say how much of it to carry on
-    /// ([`m4gn_model::Calibration::carried`]); the rest do without. The values are checked all the same, so that a host need not ask. Collective; all ranks fail together.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for other lengths, or a session without body; [`Error::Numerical`] for values that are not
-    /// finite.
-    pub fn set_before(&mut self, displacement: &[[f64; 3]], obstacle: &[[f64; 3]]) -> Result<()> {
-        self.host.set_before(&self.comm, displacement, obstacle)
-    }
-
     /// What the contact projection did in the last step; none where [`SessionOptions::projection`] asks for none.
     pub fn projection(&self) -> Option<&ProjectionReport> {
         self.host.projection()

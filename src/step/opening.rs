@@ -81,7 +81,6 @@ impl Session {
         }
         let network = network(model, self.host.domain(), &structure, &self.options, &comm)?;
         self.stepper.set_network(network);
-        self.host.weights_changed();
         Ok(())
     }
 

@@ -313,10 +313,3 @@ fn a_free_face_is_seen_as_its_cell() {
     state.u_boundary[0] += 1.0;
     assert_ne!(stepped(&state), first, "another face's is");
 }
-
-#[test]
-fn fields_at_cells_have_no_past_to_be_told() {
-    let mut session = session(&SessionOptions::default());
-    let error = session.set_before(&[], &[]).unwrap_err().to_string();
-    assert!(error.contains("fields at cells"), "{error}");
-}

@@ -72,7 +72,6 @@ fn bodies_at_points() {
 /// `session` must be one of a body of `n` points under an obstacle of so many.
 unsafe fn step(session: Session, n: usize, n_obstacle: usize, r: &mut Random) {
     let (now, after) = (displacement(n_obstacle, r), displacement(n_obstacle, r));
-    let (before, there) = (displacement(n, r), displacement(n_obstacle, r));
     let start = displacement(n, r);
     let mut end = start.clone();
     let (field, out) = (field(c"D", 3, &start, &[]), output(c"D", 3, &mut end));
@@ -80,10 +79,6 @@ unsafe fn step(session: Session, n: usize, n_obstacle: usize, r: &mut Random) {
     let stepped = unsafe {
         if r.below(8) > 0 {
             m4gn_session_set_obstacle(session, now.as_ptr(), after.as_ptr(), counted(n_obstacle, r));
-        }
-        if r.below(2) == 0 {
-            let (n, q) = (counted(n, r), counted(n_obstacle, r));
-            m4gn_session_set_before(session, before.as_ptr(), n, there.as_ptr(), q);
         }
         m4gn_session_step(session, &field, 1, &out, 1)
     };

@@ -210,11 +210,10 @@ impl BodyHost {
     }
 }
 
-/// A small model of bodies at points, corrected by what it was off by over the stride before.
+/// A small model of bodies at points.
 pub fn body_model() -> Model {
     let mut spec = bodies();
     (spec.segments.count, spec.segments.modes) = (3, 1);
-    spec.calibration = Some(Calibration::of_carried(0.9));
     let mut model = Model::random(spec, 5).unwrap();
     // Random weights move points far.
     model.tensors.get_mut("norm.output.std").unwrap().data.fill(0.01);

@@ -40,7 +40,6 @@ fn error(comm: &Comm, session: &mut Session, mesh: &Mesh) -> Result<f64> {
     let (time, stride) = (0.04, 2.0 * STEP);
     let now = bent(mesh, time);
     let mut found = now.clone();
-    session.set_before(&bent(mesh, time - stride), &pressed(time - stride))?;
     session.step_body(&mut found, [&pressed(time), &pressed(time + stride)])?;
     let next = bent(mesh, time + stride);
     let square = |a: &[[f64; 3]], b: &[[f64; 3]]| -> f64 {

@@ -1,4 +1,4 @@
-//! Sessions of a body at points under an obstacle, whose model is corrected by the stride before.
+//! Sessions of a body at points under an obstacle.
 
 use crate::calls::{Bench, Ended, Oddity, unless};
 use crate::host::*;
@@ -80,17 +80,12 @@ impl Bench {
         let n = self.body_host(None).mesh.cell_global.len();
         let ended = match call {
             "session_set_obstacle" => self.set_obstacle(session, odd, panic),
-            "session_set_before" => self.set_before(session, n, odd, panic),
             _ => {
                 self.set_obstacle(session, None, None);
                 self.body_step(session, n, odd, panic)
             }
         };
-        let after = [
-            self.set_obstacle(session, None, None),
-            self.set_before(session, n, None, None),
-            self.body_step(session, n, None, None),
-        ];
+        let after = [self.set_obstacle(session, None, None), self.body_step(session, n, None, None)];
         // SAFETY: freed once.
         timed(|| unsafe { m4gn_session_free(session) });
         after.into_iter().fold(ended, |ended, next| self.then(ended, next))
@@ -113,30 +108,6 @@ impl Bench {
         let after = unless(odd == Some("no after"), after.as_ptr());
         // SAFETY: arrays of their lengths, or what the call refuses.
         self.made(panic, || unsafe { m4gn_session_set_obstacle(session, now, after, n) })
-    }
-
-    /// Of a body at rest.
-    fn set_before(&self, session: Session, n: usize, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
-        let (mut body, mut obstacle) = (vec![0.0; 3 * n], motion(0));
-        match odd {
-            Some("nan") => body[1] = f64::NAN,
-            Some("obstacle nan") => obstacle[4] = f64::NAN,
-            _ => (),
-        }
-        let n_points = match odd {
-            Some("count") => -1,
-            Some("short") => n as i32 - 1,
-            _ => n as i32,
-        };
-        let n_obstacle = match odd {
-            Some("obstacle count") => -1,
-            Some("obstacle short") => 5,
-            _ => N_OBSTACLE as i32,
-        };
-        let body = unless(odd == Some("no body"), body.as_ptr());
-        let obstacle = unless(odd == Some("no obstacle"), obstacle.as_ptr());
-        // SAFETY: arrays of their lengths, or what the call refuses.
-        self.made(panic, || unsafe { m4gn_session_set_before(session, body, n_points, obstacle, n_obstacle) })
     }
 
     fn body_step(&self, session: Session, n: usize, odd: Option<Oddity>, panic: Option<u32>) -> Ended {

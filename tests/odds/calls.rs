@@ -25,9 +25,6 @@ pub fn oddities(call: &str) -> impl Iterator<Item = Oddity> {
              projection"
         }
         "session_set_obstacle" => "nan, infinite, count, short, none, no now, no after",
-        "session_set_before" => {
-            "nan, obstacle nan, count, short, obstacle count, obstacle short, no body, no obstacle"
-        }
         "session_step_of_body" => "nan, name, null, output, missing, count",
         "session_step" => "missing, null, nan, count, output",
         "session_outside" => "null, size",
@@ -114,9 +111,7 @@ impl Bench {
                 timed(|| unsafe { m4gn_session_free(session) });
                 ended
             }
-            "session_set_obstacle" | "session_set_before" | "session_step_of_body" => {
-                self.body_call(call, odd, panic)
-            }
+            "session_set_obstacle" | "session_step_of_body" => self.body_call(call, odd, panic),
             "session_step" => self.session_step(odd, panic),
             "session_outside" => self.session_outside(odd, panic),
             "segments_new" => self.segments_new(odd, panic),

@@ -29,14 +29,13 @@ const PLACES: i64 = 12;
 /// What the panics say that a test asks for.
 const FAULT: &str = "a fault that a test asked for";
 
-const CALLS: [&str; 25] = [
+const CALLS: [&str; 24] = [
     "model_open",
     "session_new",
     "session_step",
     "session_outside",
     "session_new_of_body",
     "session_set_obstacle",
-    "session_set_before",
     "session_step_of_body",
     "session_free",
     "segments_new",

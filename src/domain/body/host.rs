@@ -1,11 +1,9 @@
-//! A body in a host's run: an obstacle with prescribed motion, what the stride before says, and contact projection after the step.
+//! A body in a host's run: an obstacle with prescribed motion, and contact projection after the step.
 
 mod given;
 
 use super::Made;
-use super::correction::Correction;
 use super::graph::Body;
-use super::history::{History, Origin, State};
 use super::projection::{Projection, ProjectionReport, check_start};
 use crate::field::expect_shape;
 use crate::host::{Host, HostOptions, Hosted, Predict};
@@ -42,8 +40,6 @@ pub struct BodyHost {
     /// Change of the displacement of the own points `[n x 3]`, as the network says.
     outputs: Vec<f32>,
     projection: Option<(Projection, ProjectionReport)>,
-    /// Of the network by what it was off by over the stride before a hand-over, where its model says so, and what is known of that stride.
-    correction: Option<(History, Correction)>,
 }
 
 impl BodyHost {
@@ -71,8 +67,6 @@ impl BodyHost {
             (count, place.iter().map(|&i| s.node_segment[i]).collect())
         });
         let size = cell_size(&part.mesh, comm);
-        let carried = spec.calibration.as_ref().and_then(|c| c.carried);
-        let carried = carried.filter(|&decay| decay > 0.0);
         let local = 3 * body.n_local();
         let host = BodyHost {
             field: spec.fields[0].name.clone(),
@@ -87,7 +81,6 @@ impl BodyHost {
             place,
             body,
             projection,
-            correction: carried.map(|decay| (History::new(size), Correction::new(decay))),
         };
         Ok(Hosted {
             host: Box::new(host),
@@ -112,22 +105,9 @@ impl BodyHost {
         };
         let checked = motion.and_then(|m| self.check(displacement, "now").map(|()| m));
         let [now, after] = comm.agree(checked)?;
-        let correction = match &mut self.correction {
-            Some((history, _)) => {
-                let start = State { body: displacement.to_vec(), obstacle: now.clone() };
-                let origin = history.origin(comm, &start);
-                self.correct(comm, network, origin, [&start.body, &now, &after])?
-            }
-            None => None,
-        };
         self.predict(comm, network, displacement, [&now, &after])?;
-        let mut end = comm.agree(self.moved(displacement, correction.as_deref()))?;
+        let mut end = comm.agree(self.moved(displacement))?;
         self.project(comm, &mut end, &after)?;
-        if let Some((history, _)) = &mut self.correction {
-            // What the projection corrected is part of the change.
-            let start = State { body: displacement.to_vec(), obstacle: now };
-            history.done(start, State { body: end.clone(), obstacle: after });
-        }
         displacement.copy_from_slice(&end);
         Ok(())
     }
@@ -151,52 +131,13 @@ impl BodyHost {
         Ok(())
     }
 
-    /// What the network's change in a step from a state is to be corrected by, at the host's own points, m; None: by nothing. At a
-    /// hand-over this takes a step of the network, from the state one stride before. Collective; all ranks fail together.
-    fn correct(
-        &mut self,
-        comm: &Comm,
-        network: &mut dyn Predict,
-        origin: Origin,
-        [body, now, after]: [&[Vector]; 3],
-    ) -> Result<Option<Vec<Vector>>> {
-        let before = match origin {
-            Origin::Step(start) => start.obstacle,
-            Origin::Solver(before) => {
-                self.predict(comm, network, &before.body, [&before.obstacle, now])?;
-                let of_free = |p: usize, u: Vector| match self.body.is_held(self.place[p]) {
-                    true => [0.0; 3],
-                    false => u,
-                };
-                let changes = self.outputs.as_chunks::<3>().0;
-                let n = body.len();
-                let was = (0..n).map(|p| of_free(p, std::array::from_fn(|k| body[p][k] - before.body[p][k])));
-                let said = (0..n).map(|p| of_free(p, changes[self.place[p]].map(f64::from)));
-                let (was, said): (Vec<Vector>, Vec<Vector>) = (was.collect(), said.collect());
-                if let Some((_, correction)) = &mut self.correction {
-                    correction.measure(comm, (&was, &said));
-                }
-                before.obstacle
-            }
-            Origin::Unknown => {
-                self.weights_changed();
-                return Ok(None);
-            }
-        };
-        let next = self.correction.as_mut().and_then(|(_, c)| c.next([&before, now, after]));
-        let scaled =
-            |(weight, error): (f64, &[Vector])| error.iter().map(|e| e.map(|v| weight * v)).collect();
-        Ok(next.map(scaled))
-    }
-
-    /// The displacement of the host's own points after the change that the network says, and a correction of it; held points stay.
-    fn moved(&self, displacement: &[Vector], correction: Option<&[Vector]>) -> Result<Vec<Vector>> {
+    /// The displacement of the host's own points after the change that the network says; held points stay.
+    fn moved(&self, displacement: &[Vector]) -> Result<Vec<Vector>> {
         let changes = self.outputs.as_chunks::<3>().0;
         let mut end = displacement.to_vec();
-        let own = self.place.iter().zip(&mut end).enumerate();
-        for (p, (&i, u)) in own.filter(|(_, (i, _))| !self.body.is_held(**i)) {
+        for (&i, u) in self.place.iter().zip(&mut end).filter(|(i, _)| !self.body.is_held(**i)) {
             for k in 0..3 {
-                u[k] += f64::from(changes[i][k]) + correction.map_or(0.0, |c| c[p][k]);
+                u[k] += f64::from(changes[i][k]);
             }
             if !u.iter().all(|v| v.abs() < FARTHEST) {
                 return Err(Error::Numerical(format!(
@@ -269,10 +210,6 @@ impl Host for BodyHost {
         self.take_obstacle(comm, motion)
     }
 
-    fn set_before(&mut self, comm: &Comm, body: &[Vector], obstacle: &[Vector]) -> Result<()> {
-        self.take_before(comm, body, obstacle)
-    }
-
     fn structure(
         &self,
         comm: &Comm,
@@ -287,11 +224,6 @@ impl Host for BodyHost {
         let whole = (&whole, &ranks[..], mesh.obstacle.as_ref());
         let modes = &m4gn_model::modal::NoModes;
         Ok(Made::new(whole, spec, settings, Some(&own), modes, comm)?.structure)
-    }
-
-    fn weights_changed(&mut self) {
-        // The error is that of the weights from before.
-        self.correction.iter_mut().for_each(|(_, correction)| correction.forget());
     }
 
     fn projection(&self) -> Option<&ProjectionReport> {

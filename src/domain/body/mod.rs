@@ -2,15 +2,12 @@
 //!
 //! [`Body`] is the domain: world edges that come and go, and what its points are told of the obstacle. [`segments`] cuts it into segments,
 //! [`gap`] is the distance between its skin and the obstacle, [`projection`] pushes it out of the obstacle and its parts out of one another,
-//! and [`quality`] has the paper's mesh metrics (appendix C.2). In a host's run the stride before is known as well: it corrects the
-//! strides after a hand-over.
+//! and [`quality`] has the paper's mesh metrics (appendix C.2).
 
 mod coarser;
-mod correction;
 mod domain;
 pub mod gap;
 mod graph;
-mod history;
 mod host;
 mod inputs;
 mod part;

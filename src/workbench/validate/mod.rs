@@ -231,16 +231,12 @@ pub fn stepper<'a>(
     outside: &'a mut Vec<String>,
 ) -> impl FnMut(&[Field], &mut [FieldMut], Given) -> Result<()> + 'a {
     let has_obstacle = trajectory.obstacle().is_some();
-    let moves = m4gn_domain::moves(session.spec());
     move |fields, out, given| {
         if has_obstacle {
             session.set_obstacle(given.motion[0], given.motion[1])?;
         }
-        if let (true, Some((before, obstacle))) = (moves, given.before) {
-            session.set_before(before.as_chunks().0, obstacle)?;
-        }
         let done = session.step(fields, out);
-        if given.before.is_some() {
+        if given.recorded {
             let found = session.outside();
             if found.len() > outside.len() {
                 *outside = found;

@@ -19,10 +19,8 @@ use std::time::Instant;
 pub struct Given<'a> {
     /// Displacement of the obstacle's points at the start and at the end of the step, m; empty without obstacle.
     pub motion: [&'a [Vector]; 2],
-    /// Of a step that starts from a recorded frame: the headline field at the nodes in the recorded frame one stride before, and the
-    /// displacement of the obstacle's points there; in the first frame of a trajectory, before which nothing moved, these themselves.
-    /// None where the step goes on from the result of the last one.
-    pub before: Option<(&'a [f64], &'a [Vector])>,
+    /// Whether the step starts from a recorded frame, and not from the result of the last one.
+    pub recorded: bool,
 }
 
 /// Takes all fields one stride on, from the first into the second.
@@ -329,11 +327,8 @@ impl<'a> Scene<'a> {
         let places = self.tracks.iter().zip(next);
         let mut out: Vec<FieldMut> =
             places.map(|(t, cells)| FieldMut { name: &t.spec.name, components: t.width, cells }).collect();
-        let before = i.saturating_sub(1);
-        let given = Given {
-            motion: [at::<Vec<Vector>>(&self.motion, i), at::<Vec<Vector>>(&self.motion, i + 1)],
-            before: recorded.then(|| (self.truth(0, before), &self.motion[before][..])),
-        };
+        let motion = [at::<Vec<Vector>>(&self.motion, i), at::<Vec<Vector>>(&self.motion, i + 1)];
+        let given = Given { motion, recorded };
         let began = Instant::now();
         let done = step(&fields, &mut out, given);
         seconds.0 += began.elapsed().as_secs_f64();

@@ -1,7 +1,6 @@
 //! What a host says before a step of a body.
 
 use super::BodyHost;
-use crate::body::history::State;
 use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::vector::Vector;
 use m4gn_mesh::{Error, Result};
@@ -17,24 +16,6 @@ impl BodyHost {
         let checked = checked.and_then(|()| self.check_obstacle(motion[1], "after the step"));
         comm.agree(checked)?;
         self.motion = Some(motion.map(|values| of_root(comm, values)));
-        Ok(())
-    }
-
-    /// Takes the displacement one stride before the next step, m: of the host's own points, and of the obstacle's, of which that of
-    /// the first rank counts. Where the model is not corrected by it, it is checked and forgotten.
-    /// Collective; all ranks fail together.
-    ///
-    /// # Errors
-    /// As [`BodyHost::take_obstacle`].
-    pub(super) fn take_before(&mut self, comm: &Comm, body: &[Vector], obstacle: &[Vector]) -> Result<()> {
-        let when = "one stride before";
-        let checked = self.check(body, when);
-        comm.agree(checked.and_then(|()| self.check_obstacle(obstacle, when)))?;
-        let obstacle = of_root(comm, obstacle);
-        if let Some((history, _)) = &mut self.correction {
-            let body = body.to_vec();
-            history.give(State { body, obstacle });
-        }
         Ok(())
     }
 
