@@ -219,9 +219,6 @@ typedef struct m4gn_session m4gn_session;
  *   resolution      "auto"      of fields at cells: mean distance of the network's nodes, "auto" for what the model was trained
  *                               on, "off" for a node a cell, or a length, m
  *   segments        {}          what differs from the segmentation that the model was trained with, see above
- *   projection      null        of a body: its contact with the obstacle is projected after each step. Object with what
- *                               differs from the defaults, {"clearance": 0.0, "tolerance": 0.005, "radius": 6.0,
- *                               "self_contact": false, "sweeps": 12}, lengths in mean edges at rest; null: no projection
  *   solid           null        what the solver says of a solid at cells, for m4gn_session_outside, each entry optional: {"E":
  *                               [lowest, highest], "nu": [0.3, 0.3], "rho": ..., "traction": ..., "laws": ["linearElastic"],
  *                               "schemes": ["Euler"]}: Pa, kg/m^3; the largest traction on a face, Pa
@@ -273,26 +270,10 @@ const char* m4gn_session_segment_record(const m4gn_session* session);
 int32_t m4gn_session_step(
     m4gn_session* session, const m4gn_field* in, int32_t n_in, const m4gn_field_out* out, int32_t n_out);
 
-/* What the contact projection did in a step. Gaps are the smallest between body and obstacle, and between parts of the body that
- * share no point, in mean edges at rest; below 0 they overlap. */
-typedef struct m4gn_projection_report
-{
-    double gap_before; /* before the projection; HUGE_VAL without an obstacle */
-    double gap_after;
-    double parts_before; /* HUGE_VAL where no two parts are near each other (1.5 mean edges) */
-    double parts_after;
-    double largest; /* largest correction of a point, m */
-    int32_t points_moved;
-    int32_t sweeps;
-} m4gn_projection_report;
-
 /* Collective. Displacement of the obstacle's points [3*n_obstacle] at the start and at the end of the next step, m; to be
  * given before every step of a body that has an obstacle. That of the first rank counts. */
 int32_t m4gn_session_set_obstacle(
     m4gn_session* session, const double* now, const double* after, int32_t n_obstacle);
-
-/* What the projection did in the last step. M4GN_ERROR_INPUT for a session without projection. */
-int32_t m4gn_session_projection(const m4gn_session* session, m4gn_projection_report* report);
 
 /* Collective. In how many respects the case lies outside of what the model was trained on: cell size, speed, Courant number
  * of the stride and inputs by more than a quarter of their range, a solid's moduli and largest traction by more than 2 %, its

@@ -173,14 +173,6 @@ public:
         check(m4gn_session_set_obstacle(session_.get(), now.data(), after.data(), n));
     }
 
-    // What the contact projection did in the last step.
-    m4gn_projection_report projection() const
-    {
-        m4gn_projection_report report{};
-        check(m4gn_session_projection(session_.get(), &report));
-        return report;
-    }
-
     m4gn_session* get() const noexcept { return session_.get(); }
 
 private:

@@ -41,7 +41,6 @@ mod tests {
     fn each_kind_has_its_own_settings() {
         for (kind, good, bad, message) in [
             ("session", r#"{"nThreads": 2}"#, r#"{"n_threads": 0}"#, "n_threads: expected 1 to"),
-            ("session", "{}", r#"{"projection": {"radius": 0}}"#, "radius 0"),
             ("session", "{}", r#"{"backend": "abacus"}"#, "backend: backend 'abacus': expected native"),
             (
                 "segments",

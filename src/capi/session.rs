@@ -12,20 +12,6 @@ use m4gn_step::{FieldMut, Session, SessionOptions};
 use std::ffi::{CString, c_char};
 use std::sync::Arc;
 
-/// `m4gn_projection_report`
-#[repr(C)]
-#[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)]
-pub struct ProjectionData {
-    pub gap_before: f64,
-    pub gap_after: f64,
-    pub parts_before: f64,
-    pub parts_after: f64,
-    pub largest: f64,
-    pub points_moved: i32,
-    pub sweeps: i32,
-}
-
 /// `m4gn_field_info`
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
@@ -253,25 +239,6 @@ exports! {
             let (now, after) = handle.session.comm().agree(read())?;
             handle.session.set_obstacle(now, after)
         })
-    }
-
-    /// What the projection did in the last step.
-    fn m4gn_session_projection(session: *const SessionHandle, report: *mut ProjectionData) -> i32, or |s| s; {
-        // SAFETY: a session of ours and the host's struct, or null.
-        let (handle, to) = unsafe { (raw::reference("session", session)?, raw::reference_mut("report", report)?) };
-        let found = handle.session.projection().ok_or_else(|| {
-            Error::Input("the session projects no contact: set projection in its options".into())
-        })?;
-        *to = ProjectionData {
-            gap_before: found.before.map_or(f64::INFINITY, |g| g.cells),
-            gap_after: found.after.map_or(f64::INFINITY, |g| g.cells),
-            parts_before: found.own_before.map_or(f64::INFINITY, |g| g.cells),
-            parts_after: found.own_after.map_or(f64::INFINITY, |g| g.cells),
-            largest: found.largest,
-            points_moved: found.points_moved as i32,
-            sweeps: found.sweeps as i32,
-        };
-        Ok(0)
     }
 
     /// Whether mesh and fields are what the model was trained on.

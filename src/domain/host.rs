@@ -1,7 +1,6 @@
 //! A domain in a host's run.
 
 use crate::body::BodyHost;
-use crate::body::projection::{ProjectionOptions, ProjectionReport};
 use crate::cells::CellsHost;
 use crate::{Domain, Field, Kind};
 use m4gn_mesh::parallel::Comm;
@@ -69,11 +68,6 @@ pub trait Host: Send {
         cut: (&SegmentSpec, &[i32]),
     ) -> Result<Structure>;
 
-    /// What the projection did in the last step; none without one.
-    fn projection(&self) -> Option<&ProjectionReport> {
-        None
-    }
-
     /// What the elements are made of, where the domain says so itself.
     fn solid(&self) -> Option<&Solid> {
         None
@@ -96,8 +90,6 @@ pub struct HostOptions<'a> {
     pub resolution: Option<f64>,
     /// Segment of each of the host's nodes, computed before.
     pub labels: Option<&'a [i32]>,
-    /// Contact projection after each step.
-    pub projection: Option<&'a ProjectionOptions>,
     /// Whom segments ask for modes.
     pub modes: &'a dyn ModalSource,
 }
@@ -124,7 +116,7 @@ pub struct Hosted {
 /// [`Error::Model`] when the model does not fit the mesh (kind of domain, dimension, node types); [`Error::Mesh`] for a mesh that no graph
 /// can be made of, or an obstacle that overlaps the body at rest; [`Error::Input`] for options out of range; what the modes may fail with.
 pub fn open(mesh: &Mesh, spec: &ModelSpec, options: &HostOptions, comm: &Comm) -> Result<Hosted> {
-    comm.agree(fits(mesh, spec, options))?;
+    comm.agree(fits(mesh, spec))?;
     match Kind::of_model(spec) {
         Kind::Body => BodyHost::open(mesh, spec, options, comm),
         Kind::Cells => CellsHost::open(mesh, spec, options, comm),
@@ -132,7 +124,7 @@ pub fn open(mesh: &Mesh, spec: &ModelSpec, options: &HostOptions, comm: &Comm) -
 }
 
 /// Whether the model is of this kind of domain, and knows its directions and node types.
-fn fits(mesh: &Mesh, spec: &ModelSpec, options: &HostOptions) -> Result<()> {
+fn fits(mesh: &Mesh, spec: &ModelSpec) -> Result<()> {
     match (Kind::of_model(spec), Kind::of_mesh(mesh)) {
         (Kind::Body, Kind::Cells) => {
             return Err(Error::Model(
@@ -146,11 +138,6 @@ fn fits(mesh: &Mesh, spec: &ModelSpec, options: &HostOptions) -> Result<()> {
                 "the model is of fields at cells; a body at points needs one with `contact`, trained on trajectories at \
                  points"
                     .into(),
-            ));
-        }
-        (Kind::Cells, Kind::Cells) if options.projection.is_some() => {
-            return Err(Error::Input(
-                "projection: the model is of fields at cells, which no obstacle touches".into(),
             ));
         }
         _ => {}

@@ -132,17 +132,12 @@ fn what_does_not_fit_is_refused() {
     says(session.step_body(&mut broken, [&still, &still]), "point 7");
 }
 
-/// A network that throws points out of all bounds: what contact projection and searches would choke on is refused before.
+/// A network that throws points out of all bounds: what searches would choke on is refused before.
 #[test]
 fn displacements_out_of_all_bounds_are_refused() {
     let (mut model, body, obstacle) = case();
     model.tensors.get_mut("norm.output.std").unwrap().data.fill(1e12);
-    let options = SessionOptions {
-        projection: Some(m4gn_domain::body::projection::ProjectionOptions::default()),
-        ..SessionOptions::default()
-    };
-    let mesh = body.mesh(Some(&obstacle));
-    let mut session = Session::new(Comm::serial(), &mesh, &model, &options).unwrap();
+    let mut session = session(&model, &body, &obstacle);
     let still = vec![[0.0; 3]; 6];
     let mut displacement = vec![[0.0; 3]; 63];
     let error = session.step_body(&mut displacement, [&still, &still]).unwrap_err();

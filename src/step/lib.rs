@@ -13,7 +13,6 @@ pub use opening::read_model;
 pub use options::{Backend, SessionOptions};
 pub use stepper::Stepper;
 
-use m4gn_domain::body::projection::ProjectionReport;
 use m4gn_domain::{Components, Host};
 use m4gn_mesh::Result;
 use m4gn_mesh::parallel::Comm;
@@ -154,11 +153,6 @@ impl Session {
     /// finite.
     pub fn set_obstacle(&mut self, now: &[[f64; 3]], after: &[[f64; 3]]) -> Result<()> {
         self.host.set_obstacle(&self.comm, [now, after])
-    }
-
-    /// What the contact projection did in the last step; none where [`SessionOptions::projection`] asks for none.
-    pub fn projection(&self) -> Option<&ProjectionReport> {
-        self.host.projection()
     }
 
     /// In which respects the mesh, the solid and the fields of the last step lie outside of what the model was trained on, one

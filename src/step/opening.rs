@@ -39,7 +39,6 @@ impl Session {
             segments: &segment_spec,
             resolution: options.resolution.of(spec.resolution),
             labels: options.cell_segment.as_deref(),
-            projection: options.projection.as_ref(),
             modes: &Modal(segment_spec.modal()),
         };
         let hosted = m4gn_domain::open(mesh, spec, &hosted, &comm)?;

@@ -1,7 +1,6 @@
 //! What a session is made with: the settings of a case dictionary, of a host program and of `m4gn validate`.
 
 use m4gn_domain::Domain;
-use m4gn_domain::body::projection::ProjectionOptions;
 use m4gn_engine::{EngineOptions, Isa, Precision, PrecisionChoice};
 use m4gn_mesh::{Error, Result};
 use m4gn_model::{Resolution, SegmentEntries, SegmentSpec, Solid, settings};
@@ -68,8 +67,6 @@ pub struct SessionOptions {
     pub resolution: Resolution,
     /// What differs from the segmentation that the model was trained with.
     pub segments: SegmentEntries,
-    /// Contact projection after each step of a body; none: the network's answer as it is.
-    pub projection: Option<ProjectionOptions>,
     /// What the host's solver says of a solid at cells, to be compared with what the model was trained on; a body at points
     /// says it with its elements.
     pub solid: Option<Solid>,
@@ -89,7 +86,6 @@ impl Default for SessionOptions {
             precision: PrecisionChoice::default(),
             resolution: Resolution::default(),
             segments: SegmentEntries::default(),
-            projection: None,
             solid: None,
             cell_segment: None,
             isa: None,
@@ -120,10 +116,10 @@ impl SessionOptions {
             )));
         }
         self.segments.over(&SegmentSpec::default())?;
-        if let Some(fault) = self.solid.as_ref().and_then(Solid::fault) {
-            return Err(Error::Input(format!("solid.{fault}")));
+        match self.solid.as_ref().and_then(Solid::fault) {
+            Some(fault) => Err(Error::Input(format!("solid.{fault}"))),
+            None => Ok(()),
         }
-        self.projection.map_or(Ok(()), |p| p.check())
     }
 
     /// What all ranks must be given alike, a line for each entry: not the threads of a rank or its device.

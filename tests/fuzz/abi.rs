@@ -20,7 +20,7 @@ fn session_arguments() {
         let mut o = json!({ "segments": {} });
         let mut cell_segment = null();
         let s = &mut o["segments"];
-        match r.below(15) {
+        match r.below(14) {
             0 => s["count"] = r.integer().into(),
             1 => s["modes"] = r.integer().into(),
             2 => s["overlap"] = r.integer().into(),
@@ -34,7 +34,6 @@ fn session_arguments() {
             10 => s["obstacles"] = json!([r.pick(&["wall", "a,b", "", "left"])]),
             11 => o["precision"] = (*r.pick(&["bf16", "fp64"])).into(),
             12 => o["n_threads"] = (r.integer() % 5).into(),
-            13 => o["projection"] = json!({ "radius": r.real(), "sweeps": r.integer() }),
             _ => s["modal_solver"] = (*r.pick(&["direct", "iterative", "fast"])).into(),
         }
         let o = settings_as_text(&o, r);

@@ -37,15 +37,10 @@ fn bodies_at_points() {
         let h = body_host(r);
         let mut o = json!({});
         // Mostly what makes a session, so that there is one to be given the rest.
-        match r.below(20) {
-            0 => o["projection"] = json!({ "radius": r.real() }),
-            1 => o["projection"] = json!({ "sweeps": r.integer() }),
-            2 => o["projection"] = json!({ "clearance": r.real(), "tolerance": r.real() }),
-            3 => o["segments"] = json!({ "count": r.integer() }),
-            4 => o["segments"] = json!({ "size": r.real() }),
-            5 => o["backend"] = "torch".into(),
-            6..10 => o["projection"] = json!({ "self_contact": true }),
-            10..14 => o["projection"] = json!({}),
+        match r.below(12) {
+            0 => o["segments"] = json!({ "count": r.integer() }),
+            1 => o["segments"] = json!({ "size": r.real() }),
+            2 => o["backend"] = "torch".into(),
             _ => (),
         }
         let o = settings_as_text(&o, r);

@@ -5,7 +5,7 @@
 pub use m4gn::*;
 use m4gn_mesh::ElasticModes;
 use m4gn_mesh::Mesh;
-use m4gn_model::{Calibration, Model};
+use m4gn_model::Model;
 use m4gn_modes::fem::PointMesh;
 use m4gn_samples::model::bodies;
 use std::ffi::{CStr, CString, c_char};

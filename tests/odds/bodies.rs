@@ -60,14 +60,10 @@ impl Bench {
     }
 
     pub fn body_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Session) {
-        let mut settings = json!({ "projection": {} });
-        match odd {
-            Some("backend") => settings["backend"] = "torch".into(),
-            Some("projection") => settings["projection"] = json!({ "sweeps": 13 }),
-            Some("no projection") => settings["projection"] = json!(null),
-            Some("far projection") => settings["projection"] = json!({ "radius": -1.0 }),
-            _ => (),
-        }
+        let settings = match odd {
+            Some("backend") => json!({ "backend": "torch" }),
+            _ => json!({}),
+        };
         self.session_of(&self.body_host(odd), self.body_model_file(), &settings, null(), odd, panic)
     }
 

@@ -17,12 +17,11 @@ pub fn oddities(call: &str) -> impl Iterator<Item = Oddity> {
         "session_new" => {
             "null, no mesh, no model, volume, owner, global, components, segments, modes, overlap, \
              iterations, tau, size, method, precision, connected, distance, obstacles, solver, operator, \
-             model, labels, text, backend, resolution, projection, solid"
+             model, labels, text, backend, resolution, solid"
         }
         "session_new_of_body" => {
             "null, no mesh, type, element, inverted, material, position, global, obstacle, triangle, \
-             overlap, no obstacle, no types, elements, faces, backend, projection, no projection, far \
-             projection"
+             overlap, no obstacle, no types, elements, faces, backend"
         }
         "session_set_obstacle" => "nan, infinite, count, short, none, no now, no after",
         "session_step_of_body" => "nan, name, null, output, missing, count",

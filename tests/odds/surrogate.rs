@@ -39,7 +39,6 @@ impl Bench {
             // Each of these is valid where all ranks give it.
             Some("backend") => settings["backend"] = "torch:cpu".into(),
             Some("resolution") => settings["resolution"] = 0.3.into(),
-            Some("projection") => settings["projection"] = json!({ "sweeps": 3 }),
             Some("solid") => settings["solid"] = json!({ "E": [1e6, 1e6], "schemes": ["Euler"] }),
             _ => (),
         }

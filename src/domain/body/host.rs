@@ -1,10 +1,8 @@
-//! A body in a host's run: an obstacle with prescribed motion, and contact projection after the step.
-
-mod given;
+//! A body in a host's run, and an obstacle with prescribed motion.
 
 use super::Made;
 use super::graph::Body;
-use super::projection::{Projection, ProjectionReport, check_start};
+use super::start::check_start;
 use crate::field::expect_shape;
 use crate::host::{Host, HostOptions, Hosted, Predict};
 use crate::{Domain, Field};
@@ -15,7 +13,7 @@ use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{ModelSpec, SegmentSpec, Solid, cell_size};
 use m4gn_structure::Structure;
 
-/// A displacement beyond which no solver would take on, m; contact projection and search trees need not either.
+/// A displacement beyond which no solver would take on, m; search trees need not either.
 const FARTHEST: f64 = 1e6;
 
 /// A body whose points a host has.
@@ -27,7 +25,6 @@ pub struct BodyHost {
     place: Vec<usize>,
     /// Own points of the body, as numbers of the whole body.
     points: Vec<u32>,
-    n_points: usize,
     obstacle: Option<Obstacle>,
     /// What the body's elements are made of.
     solid: Solid,
@@ -39,7 +36,6 @@ pub struct BodyHost {
     next: Vec<f32>,
     /// Change of the displacement of the own points `[n x 3]`, as the network says.
     outputs: Vec<f32>,
-    projection: Option<(Projection, ProjectionReport)>,
 }
 
 impl BodyHost {
@@ -47,16 +43,7 @@ impl BodyHost {
     pub(crate) fn open(mesh: &Mesh, spec: &ModelSpec, options: &HostOptions, comm: &Comm) -> Result<Hosted> {
         let (whole, ranks) = mesh.whole_body(comm)?;
         let obstacle = mesh.obstacle.as_ref();
-        let projection = match options.projection {
-            Some(settings) => {
-                let made = comm.agree(Projection::new(&whole, obstacle, settings))?;
-                Some((made, ProjectionReport::default()))
-            }
-            None => {
-                comm.agree(check_start(&whole, obstacle))?;
-                None
-            }
-        };
+        comm.agree(check_start(&whole, obstacle))?;
         let made = Made::new((&whole, &ranks, obstacle), spec, options.segments, None, options.modes, comm)?;
         let Made { part, body, structure } = made;
         let place = |g: &i64| part.points.binary_search(&(*g as u32)).unwrap_or_default();
@@ -70,7 +57,6 @@ impl BodyHost {
         let local = 3 * body.n_local();
         let host = BodyHost {
             field: spec.fields[0].name.clone(),
-            n_points: whole.positions.len(),
             obstacle: obstacle.cloned(),
             solid: Solid::of_body(&whole),
             motion: None,
@@ -80,7 +66,6 @@ impl BodyHost {
             points: part.points,
             place,
             body,
-            projection,
         };
         Ok(Hosted {
             host: Box::new(host),
@@ -106,8 +91,7 @@ impl BodyHost {
         let checked = motion.and_then(|m| self.check(displacement, "now").map(|()| m));
         let [now, after] = comm.agree(checked)?;
         self.predict(comm, network, displacement, [&now, &after])?;
-        let mut end = comm.agree(self.moved(displacement))?;
-        self.project(comm, &mut end, &after)?;
+        let end = comm.agree(self.moved(displacement))?;
         displacement.copy_from_slice(&end);
         Ok(())
     }
@@ -150,24 +134,49 @@ impl BodyHost {
         Ok(end)
     }
 
-    /// Pushes the body out of the obstacle. Every rank does so with the whole body, and to the same effect.
-    fn project(&mut self, comm: &Comm, own: &mut [Vector], obstacle: &[Vector]) -> Result<()> {
-        let Some((projection, report)) = &mut self.projection else {
-            return Ok(());
-        };
-        let mut all = vec![0.0; 3 * self.n_points];
-        let number = |i: usize| 3 * self.points[i] as usize;
-        for (&i, u) in self.place.iter().zip(&*own) {
-            all[number(i)..][..3].copy_from_slice(u);
+    fn check_obstacle(&self, values: &[Vector], when: &str) -> Result<()> {
+        let n = self.obstacle.as_ref().map_or(0, |o| o.positions.len());
+        if values.len() != n {
+            return Err(Error::Input(format!(
+                "displacement of the obstacle {when}: expected {n} points, found {}",
+                values.len()
+            )));
         }
-        comm.sum_f64(&mut all);
-        let all = all.as_chunks_mut::<3>().0;
-        *report = comm.agree(projection.apply(all, obstacle))?;
-        for (&i, u) in self.place.iter().zip(own) {
-            *u = all[self.points[i] as usize];
+        match values.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
+            Some(i) => Err(Error::Numerical(format!(
+                "displacement of the obstacle {when}: {:?} at point {i}",
+                values[i]
+            ))),
+            None => self.obstacle.as_ref().map_or(Ok(()), |o| {
+                let rigid = o.check_motion(values);
+                rigid.map_err(|e| Error::Input(format!("displacement of the obstacle {when}: {e}")))
+            }),
         }
-        Ok(())
     }
+
+    fn check(&self, displacement: &[Vector], when: &str) -> Result<()> {
+        if displacement.len() != self.place.len() {
+            return Err(Error::Input(format!(
+                "displacement of the body {when}: expected {} points, found {}",
+                self.place.len(),
+                displacement.len()
+            )));
+        }
+        match displacement.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
+            Some(i) => Err(Error::Numerical(format!(
+                "displacement of the body {when}: {:?} at point {}",
+                displacement[i], self.points[self.place[i]]
+            ))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The first rank's values on all ranks. Collective.
+fn of_root(comm: &Comm, values: &[Vector]) -> Vec<Vector> {
+    let mut flat = values.as_flattened().to_vec();
+    comm.broadcast(&mut flat);
+    flat.as_chunks().0.to_vec()
 }
 
 /// Takes vectors into the rows of these nodes.
@@ -207,7 +216,11 @@ impl Host for BodyHost {
     }
 
     fn set_obstacle(&mut self, comm: &Comm, motion: [&[Vector]; 2]) -> Result<()> {
-        self.take_obstacle(comm, motion)
+        let checked = self.check_obstacle(motion[0], "now");
+        let checked = checked.and_then(|()| self.check_obstacle(motion[1], "after the step"));
+        comm.agree(checked)?;
+        self.motion = Some(motion.map(|values| of_root(comm, values)));
+        Ok(())
     }
 
     fn structure(
@@ -224,10 +237,6 @@ impl Host for BodyHost {
         let whole = (&whole, &ranks[..], mesh.obstacle.as_ref());
         let modes = &m4gn_model::modal::NoModes;
         Ok(Made::new(whole, spec, settings, Some(&own), modes, comm)?.structure)
-    }
-
-    fn projection(&self) -> Option<&ProjectionReport> {
-        self.projection.as_ref().map(|(_, report)| report)
     }
 
     fn solid(&self) -> Option<&Solid> {

@@ -11,9 +11,8 @@ use m4gn_report::{Chart, Page, Series};
 
 type Colour = (u8, u8, u8);
 
-/// Colours of the ways to predict; green is told apart from the others by colour-blind people too.
-const COLOURS: [(&str, Colour); 4] =
-    [("hold_first", GREY), ("persistence", BLUE), ("model", ORANGE), ("projected", (0, 158, 115))];
+/// Colours of the ways to predict.
+const COLOURS: [(&str, Colour); 3] = [("hold_first", GREY), ("persistence", BLUE), ("model", ORANGE)];
 
 /// The report on a model.
 ///

@@ -327,8 +327,7 @@ impl<'a> Scene<'a> {
         let places = self.tracks.iter().zip(next);
         let mut out: Vec<FieldMut> =
             places.map(|(t, cells)| FieldMut { name: &t.spec.name, components: t.width, cells }).collect();
-        let motion = [at::<Vec<Vector>>(&self.motion, i), at::<Vec<Vector>>(&self.motion, i + 1)];
-        let given = Given { motion, recorded };
+        let given = Given { motion: [self.motion(i), self.motion(i + 1)], recorded };
         let began = Instant::now();
         let done = step(&fields, &mut out, given);
         seconds.0 += began.elapsed().as_secs_f64();

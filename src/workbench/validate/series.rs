@@ -9,8 +9,7 @@ use m4gn_report::{Grid, write_file};
 use std::path::Path;
 
 /// Writes `truth.pvd`, `prediction.pvd` and `obstacle.pvd` with their files into a folder, which is made. Points lie where
-/// they are; vectors are the displacement `D` (m) and, of the prediction, `D_true` and `error` = D - D_true. The rollout is
-/// the one with contact projection, where there is one.
+/// they are; vectors are the displacement `D` (m) and, of the prediction, `D_true` and `error` = D - D_true.
 ///
 /// # Errors
 /// When the trajectory is none of a body or cannot be read again, no step of the rollout was kept, or a file cannot be

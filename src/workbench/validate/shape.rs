@@ -3,7 +3,7 @@
 
 use m4gn_data::Trajectory;
 use m4gn_domain::body::gap::{Gap, Samples, cell_size};
-use m4gn_domain::body::projection::BetweenParts;
+use m4gn_domain::body::parts::BetweenParts;
 use m4gn_domain::body::quality::{Comparison, Quality};
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::vector::{Vector, moved};
