@@ -21,6 +21,12 @@ fail() { echo "FAILED: $*" >&2; exit 1; }
 # skip WHY: the machine lacks what the test needs. 77 is what ./Alltest counts as skipped.
 skip() { echo "skipped: $*"; exit 77; }
 
+# needs_solids4foam: finds it, or skips the test
+needs_solids4foam() {
+    solids4foam_environment ||
+        skip "there is no solids4foam in ${SOLIDS4FOAM_INST_DIR:-$M4GN_CACHE/solids4foam} (setup/solids4foam.sh SOURCE builds it)"
+}
+
 # header NAME [CLASS]: what an OpenFOAM file of this name begins with; a dictionary if nothing is said.
 header() { echo "FoamFile { version 2.0; format ascii; class ${2:-dictionary}; object $1; }"; }
 

@@ -1,16 +1,13 @@
 #!/usr/bin/env bash
 # solids4foam's own tutorials, of different models and laws: the function objects leave the solver's files as they were to the byte,
 # mode replace goes on from recorded states or is refused in the first time step, by name, and m4gnAnderson comes to the same
-# answer or is refused. Needs solids4foam:
-#   SOLIDS4FOAM_INST_DIR   as tests/e2e/solids4foam.sh
+# answer or is refused. Needs solids4foam as tests/e2e/solids4foam.sh does, and
 #   SOLIDS4FOAM_DIR        its source, with tutorials/solids and applications/scripts
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
-if [ -z "${SOLIDS4FOAM_INST_DIR:-}" ]; then skip "SOLIDS4FOAM_INST_DIR is not set"; fi
-tutorials=${SOLIDS4FOAM_DIR:-}/tutorials/solids
-if [ ! -d "$tutorials" ]; then skip "SOLIDS4FOAM_DIR has no tutorials/solids"; fi
-export PATH=$SOLIDS4FOAM_INST_DIR:$SOLIDS4FOAM_INST_DIR/bin:$PATH
-export LD_LIBRARY_PATH=$SOLIDS4FOAM_INST_DIR:$SOLIDS4FOAM_INST_DIR/lib:$LD_LIBRARY_PATH
+needs_solids4foam
+tutorials=$SOLIDS4FOAM_DIR/tutorials/solids
+if [ ! -d "$tutorials" ]; then skip "SOLIDS4FOAM_DIR ($SOLIDS4FOAM_DIR) has no tutorials/solids"; fi
 real=$LD_LIBRARY_PATH
 make_oracle
 oracle=$LD_LIBRARY_PATH

@@ -1,16 +1,11 @@
 #!/usr/bin/env bash
 # solids4foam's solid models: their own recorded states, handed back after a jump, are carried on from as in the run
-# without one. Needs solids4foam, which is no part of this project:
-#   SOLIDS4FOAM_INST_DIR   folder that holds solids4Foam and libsolids4FoamModels.so, in it or in its bin/ and lib/
+# without one. Needs solids4foam, which is no part of this project: setup/solids4foam.sh puts it into the cache, and
+#   SOLIDS4FOAM_INST_DIR   names another folder that holds solids4Foam and libsolids4FoamModels.so, in it or in its bin/ and lib/
 # The stresses, the updated Lagrangian model and the modes at the end need lib/libm4gnSolids4Foam.so: setup/solids4foam.sh makes it.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
-if [ -z "${SOLIDS4FOAM_INST_DIR:-}" ]; then
-    skip "SOLIDS4FOAM_INST_DIR is not set"
-fi
-export PATH=$SOLIDS4FOAM_INST_DIR:$SOLIDS4FOAM_INST_DIR/bin:$PATH
-export LD_LIBRARY_PATH=$SOLIDS4FOAM_INST_DIR:$SOLIDS4FOAM_INST_DIR/lib:$LD_LIBRARY_PATH
-command -v solids4Foam > /dev/null || fail "there is no solids4Foam in SOLIDS4FOAM_INST_DIR ($SOLIDS4FOAM_INST_DIR)"
+needs_solids4foam
 make_oracle
 
 # A beam of 0.2 x 0.04 x 0.02 m, clamped at its left, loaded at its tip at time 0. One period is some 0.2 s.
