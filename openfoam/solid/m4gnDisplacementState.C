@@ -66,9 +66,6 @@ Foam::m4gnDisplacementState::m4gnDisplacementState(
                                  << " them" << exit(FatalError);
         }
     }
-
-    // Displacements and what follows from them are handed over here
-    refuseFrozen(mesh_.sortedNames<volVectorField>());
 }
 
 void Foam::m4gnDisplacementState::advance(const List<scalarField>& predicted, const scalar duration)

@@ -43,7 +43,10 @@ Foam::m4gnSolidDisplacementState::m4gnSolidDisplacementState(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
     : m4gnDisplacementState(mesh, dict, session), stress_(mesh), smoothing_(mesh, dict, stress_),
       contact_(mesh, dict, stress_), gapBefore_(0), smoothed_(0)
-{}
+{
+    // Displacements and what follows from them are handed over here
+    refuseFrozen(mesh_.sortedNames<volVectorField>());
+}
 
 void Foam::m4gnSolidDisplacementState::complete(const scalar deltaT, const bool handOver)
 {

@@ -134,6 +134,12 @@ Foam::m4gnTotalDisplacementState::m4gnTotalDisplacementState(
 {
     refuseContact();
 
+    // What follows from the displacement is made here, or by the solver's next
+    // corrector where the law cannot be asked
+    wordList made(mesh_.sortedNames<volVectorField>());
+    made.append(m4gnSolidLaw::fields());
+    refuseFrozen(made);
+
     settling_ = m4gnSettling::New(mesh, dict, session.stride(), atPoints, law_, dynamic_);
 }
 
@@ -169,7 +175,7 @@ Foam::wordList Foam::m4gnTotalDisplacementState::advanced() const
         names.append("U");
     }
     if (followed_) {
-        names.append(law_->fields());
+        names.append(m4gnSolidLaw::fields());
     }
     return names;
 }

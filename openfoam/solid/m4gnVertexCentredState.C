@@ -205,7 +205,7 @@ Foam::wordList Foam::m4gnVertexCentredState::advanced() const
     wordList names(m4gnModelState::advanced());
     names.append(wordList({DName_, "D"}));
     if (followed_) {
-        names.append(law_->fields());
+        names.append(m4gnSolidLaw::fields());
     }
     return names;
 }
