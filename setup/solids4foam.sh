@@ -85,6 +85,8 @@ prepare() {
 build() {
     # The probe for OpenFOAM comes along, so that nothing there depends on this checkout.
     rm -rf "$into"/{cmake,setup} && cp -r "$M4GN_HOME"/{cmake,setup} "$into" || return
+    # Where the folder had another name before, CMake refuses its cache.
+    grep -qsxF "CMAKE_HOME_DIRECTORY:INTERNAL=$into/cmake/solids4foam" "$into/build/CMakeCache.txt" || rm -rf "$into/build"
     cmake -S "$into/cmake/solids4foam" -B "$into/build" -G Ninja -DCMAKE_BUILD_TYPE=Release \
         -DSOLIDS4FOAM_SOURCE="$into/source" -DCMAKE_INSTALL_PREFIX="$into" &&
         cmake --build "$into/build" && cmake --install "$into/build"

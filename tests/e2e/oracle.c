@@ -305,6 +305,14 @@ static double sign_of(const double* centre, int32_t component)
     return mixed - floor(mixed) < 0.5 ? -1 : 1;
 }
 
+/* The recorded field of this name: a call may have them in another order */
+static int32_t field_of(const m4gn_session* s, const char* name)
+{
+    int32_t i = 0;
+    while (i < s->header.n_fields && strcmp(name, s->header.name[i])) ++i;
+    return i;
+}
+
 static int32_t step(void* data, const m4gn_field* in, int32_t n_in, const m4gn_field_out* out, int32_t n_out)
 {
     m4gn_session* s = data;
@@ -318,13 +326,15 @@ static int32_t step(void* data, const m4gn_field* in, int32_t n_in, const m4gn_f
     for (long f = 0; f < s->n_frames; ++f)
     {
         double sum = 0;
-        for (int32_t i = 0; i < n_in; ++i)
+        for (int32_t k = 0; k < n_in; ++k)
         {
+            const int32_t i = field_of(s, in[k].name);
+            if (i == s->header.n_fields) continue;
             const double* values = s->frames + f*s->frame + s->start[i];
             const double scale = s->size[i] > 0 ? 1/s->size[i] : 0;
-            for (size_t j = 0; j < in[i].components*(size_t)s->header.n_cells; ++j)
+            for (size_t j = 0; j < in[k].components*(size_t)s->header.n_cells; ++j)
             {
-                const double difference = scale*(in[i].cells[j] - values[j]);
+                const double difference = scale*(in[k].cells[j] - values[j]);
                 sum += difference*difference;
             }
         }
