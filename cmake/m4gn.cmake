@@ -1,4 +1,4 @@
-# The core library as CMake targets: m4gn::core, which is lib/libm4gn.so with include/m4gn.h and m4gn.hpp, and
+# The core library as CMake targets: m4gn::core, which is lib/libm4gn.so with cpp/include/m4gn.h and m4gn.hpp, and
 # m4gn::header, which is these without the library.
 
 get_filename_component(M4GN_HOME "${CMAKE_CURRENT_LIST_DIR}/.." ABSOLUTE)
@@ -13,7 +13,7 @@ set_target_properties(m4gn::core PROPERTIES
     IMPORTED_LOCATION "${M4GN_LIB_DIR}/libm4gn.so"
     IMPORTED_SONAME libm4gn.so)
 add_library(m4gn::header INTERFACE IMPORTED)
-target_include_directories(m4gn::header INTERFACE "${M4GN_HOME}/include")
+target_include_directories(m4gn::header INTERFACE "${M4GN_HOME}/cpp/include")
 target_link_libraries(m4gn::core INTERFACE m4gn::header)
 
 # Our own code is held to these; the headers of others are SYSTEM and stay quiet. (m4gn.h is ours: see the targets'

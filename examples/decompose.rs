@@ -1,11 +1,12 @@
 //! Higher-order dynamic mode decomposition of snapshots in a file of doubles, one state after the other: eigenvalues, and what it took.
 //!
-//!     cargo run --release -p m4gn-linear --example decompose -- FILE STATES DELAYS RANK
+//!     cargo run --release -p m4gn-dmd --example decompose -- FILE STATES DELAYS RANK
 //!
-//! Prints a JSON object; bench/linear.py compares it with PyDMD.
+//! Prints a JSON object; bench/dmd.py compares it with PyDMD.
 
-use m4gn_linear::{Field, FitSettings, Linear, Settings, Storage};
-use m4gn_mesh::parallel::Comm;
+use m4gn_dmd::{FitSettings, OnlineDmd, Settings, Storage};
+use m4gn_parallel::Comm;
+use m4gn_state::Array;
 use std::time::Instant;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -19,16 +20,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .filter_map(|c| Some(f64::from_le_bytes(c.try_into().ok()?)))
         .collect();
     let n = values.len() / states.max(1);
-    let fields = vec![Field::weighted("x", 1, vec![1.0; n])];
+    let fields = vec![Array::solved("x", 1, vec![1.0; n])];
     let fit = FitSettings {
         window: states,
-        least: states,
-        tail: 1,
+        min_snapshots: states,
+        hold_out: 1,
         delays: vec![delays],
-        ranks: vec![rank],
-        growing: Some(true),
+        svd_rank: vec![rank],
+        unstable_modes: Some(true),
     };
-    let mut linear = Linear::new(
+    let mut linear = OnlineDmd::new(
         &Comm::serial(),
         fields,
         Settings { interval: 1.0, storage: Storage::Double, fit, held: 0 },

@@ -37,7 +37,7 @@ build_crates() {
 # Another OpenFOAM than last time: nothing of the old build fits.
 build_function_objects() {
     if [ "$(cat target/openfoam/.probe 2>/dev/null)" != "$foam" ]; then
-        rm -rf target/openfoam lib/libm4gnFoam.so lib/libm4gnAccelerators.so && mkdir -p target/openfoam && echo "$foam" >target/openfoam/.probe ||
+        rm -rf target/{openfoam,solids4foam} lib/libm4gn{Foam,Accelerators,Solids4Foam}.so && mkdir -p target/openfoam && echo "$foam" >target/openfoam/.probe ||
             return
     fi
     cmake -S openfoam -B target/openfoam -G Ninja -DCMAKE_BUILD_TYPE=Release && cmake --build target/openfoam
@@ -54,3 +54,5 @@ step "function objects for OpenFOAM $M4GN_FOAM_VERSION" build_function_objects |
     die "lib/libm4gnFoam.so did not build against OpenFOAM $M4GN_FOAM_VERSION ($M4GN_FOAM_SRC)" \
         "To see what was probed, type setup/openfoam.sh. To build against Debian's OpenFOAM, run this again in a" \
         "shell in which no other one is sourced."
+# The library for the solids4foam that is found is built with the others' headers
+if (solids4foam_environment); then "$M4GN_HOME/setup/solids4foam.sh" | grep -v '^export'; fi

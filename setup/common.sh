@@ -113,6 +113,16 @@ foam_sourced() {
     [ -n "${WM_PROJECT_DIR:-}" ] && [ -d "$WM_PROJECT_DIR/src/OpenFOAM/lnInclude" ]
 }
 
+# solids4foam_environment: the solver of SOLIDS4FOAM_INST_DIR, else the one that setup/solids4foam.sh has put into the cache, is found by
+# its name. False: there is none.
+solids4foam_environment() {
+    local folder=${SOLIDS4FOAM_INST_DIR:-$M4GN_CACHE/solids4foam}
+    [ -x "$folder/bin/solids4Foam" ] || [ -x "$folder/solids4Foam" ] || return 1
+    export SOLIDS4FOAM_INST_DIR=$folder SOLIDS4FOAM_DIR=${SOLIDS4FOAM_DIR:-$folder/source} \
+        SOLIDS4FOAM_LIB_DIR=${SOLIDS4FOAM_LIB_DIR:-$folder/lib} \
+        PATH=$folder:$folder/bin:$PATH LD_LIBRARY_PATH=$folder:$folder/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
+}
+
 need_cargo() {
     local bin=${CARGO_HOME:-$HOME/.cargo}/bin
     if ! command -v cargo >/dev/null && [ -x "$bin/cargo" ]; then PATH=$bin:$PATH; fi

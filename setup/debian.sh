@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Installs the Debian packages that m4gn needs, and nothing when all are there.
-#   setup/debian.sh [core|all]    core: build and run; all (default): also what fetches libtorch, and what the tests need
+#   setup/debian.sh [core|all|solids4foam]    core: build and run; all (default): also what fetches libtorch, and what the
+#                                             tests need; solids4foam: what that is built with
 set -euo pipefail
 # shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
@@ -13,6 +14,7 @@ packages=(
 )
 foam_sourced || packages+=(openfoam)
 if [ "${1:-all}" = all ]; then packages+=(python3 python3-pip python3-venv clang-format-14); fi
+if [ "${1:-all}" = solids4foam ]; then packages+=(libeigen3-dev); fi
 
 # package:upstream series that m4gn is built and tested with
 series=(

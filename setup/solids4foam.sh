@@ -2,20 +2,30 @@
 # Builds the solid part of solids4foam (2.2) from a source of yours against the OpenFOAM that m4gn uses, where there is no
 # wmake or solids4foam asks for a later version (it wants v2012; Debian has v1912). m4gn's own library for it comes with it.
 #   setup/solids4foam.sh SOURCE [FOLDER]    SOURCE: its checkout or unpacked release; FOLDER: ~/.cache/m4gn/solids4foam
-# Prints what to set. Left out: fluids and their interaction with solids, thermal solids, plates; before v2012 solidContact.
+#   setup/solids4foam.sh                    m4gn's own library alone, for the solids4foam that was built before
+# Prints what to set; tests and tutorials find the default FOLDER by themselves. Left out: fluids and their interaction with solids, thermal solids, plates; before v2012 solidContact.
 set -euo pipefail
 # shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 models=src/solids4FoamModels
-[ $# -ge 1 ] && [ $# -le 2 ] || die "expected one or two folders" "usage: setup/solids4foam.sh SOURCE [FOLDER]"
-[ -e "$1/$models/Make/files.openfoam" ] ||
-    die "$1 is no source of solids4foam: it has no $models/Make/files.openfoam" \
+[ $# -le 2 ] || die "expected at most two folders" "usage: setup/solids4foam.sh [SOURCE [FOLDER]]"
+if [ $# -eq 0 ]; then
+    solids4foam_environment || die "there is no solids4foam in ${SOLIDS4FOAM_INST_DIR:-$M4GN_CACHE/solids4foam}" \
         "Give the folder that a checkout of solids4foam, or its unpacked release, makes."
-from=$(cd "$1" && pwd)
-into=${2:-$M4GN_CACHE/solids4foam}
-if [ "$(realpath -m "$from")" = "$(realpath -m "$into/source")" ]; then
-    die "$from is the copy of the source in $into, which is made anew each time" "Give the folder that it was copied from."
+else
+    [ -e "$1/$models/Make/files.openfoam" ] ||
+        die "$1 is no source of solids4foam: it has no $models/Make/files.openfoam" \
+            "Give the folder that a checkout of solids4foam, or its unpacked release, makes."
+    from=$(cd "$1" && pwd)
+    into=${2:-$M4GN_CACHE/solids4foam}
+    if [ "$(realpath -m "$from")" = "$(realpath -m "$into/source")" ]; then
+        die "$from is the copy of the source in $into, which is made anew each time" "Give the folder that it was copied from."
+    fi
+    "$M4GN_HOME/setup/debian.sh" solids4foam
+    foam_sourced || "$M4GN_HOME/setup/openfoam-source.sh"
+    SOLIDS4FOAM_INST_DIR=$(realpath -m "$into") && into=$SOLIDS4FOAM_INST_DIR
+    SOLIDS4FOAM_DIR=$into/source SOLIDS4FOAM_LIB_DIR=$into/lib
 fi
 foam=$("$M4GN_HOME/setup/openfoam.sh" --export)
 eval "$foam"
@@ -73,10 +83,11 @@ prepare() {
 }
 
 build() {
-    # Where another checkout of m4gn built it before, CMake refuses that checkout's cache.
-    grep -qsxF "CMAKE_HOME_DIRECTORY:INTERNAL=$M4GN_HOME/cmake/solids4foam" "$into/build/CMakeCache.txt" ||
-        rm -rf "$into/build"
-    cmake -S "$M4GN_HOME/cmake/solids4foam" -B "$into/build" -G Ninja -DCMAKE_BUILD_TYPE=Release \
+    # The probe for OpenFOAM comes along, so that nothing there depends on this checkout.
+    rm -rf "$into"/{cmake,setup} && cp -r "$M4GN_HOME"/{cmake,setup} "$into" || return
+    # Where the folder had another name before, CMake refuses its cache.
+    grep -qsxF "CMAKE_HOME_DIRECTORY:INTERNAL=$into/cmake/solids4foam" "$into/build/CMakeCache.txt" || rm -rf "$into/build"
+    cmake -S "$into/cmake/solids4foam" -B "$into/build" -G Ninja -DCMAKE_BUILD_TYPE=Release \
         -DSOLIDS4FOAM_SOURCE="$into/source" -DCMAKE_INSTALL_PREFIX="$into" &&
         cmake --build "$into/build" && cmake --install "$into/build"
 }
@@ -84,15 +95,17 @@ build() {
 # libm4gnSolids4Foam.so, which asks the solver's material law
 build_m4gn() {
     cmake -S "$M4GN_HOME/openfoam/solids4foam" -B "$M4GN_HOME/target/solids4foam" -G Ninja -DCMAKE_BUILD_TYPE=Release \
-        -DSOLIDS4FOAM_DIR="$into/source" -DSOLIDS4FOAM_LIB_DIR="$into/lib" && cmake --build "$M4GN_HOME/target/solids4foam"
+        -DSOLIDS4FOAM_DIR="$SOLIDS4FOAM_DIR" -DSOLIDS4FOAM_LIB_DIR="$SOLIDS4FOAM_LIB_DIR" && cmake --build "$M4GN_HOME/target/solids4foam"
 }
 
-step "solids4foam: source" prepare || die "the source of solids4foam could not be prepared in $into"
-step "solids4foam" build || die "solids4foam did not build; it was tried with version 2.2" "It needs Debian's libeigen3-dev."
+if [ $# -gt 0 ]; then
+    step "solids4foam: source" prepare || die "the source of solids4foam could not be prepared in $into"
+    step "solids4foam" build || die "solids4foam did not build; it was tried with version 2.2"
+fi
 if [ -f "$M4GN_HOME/lib/libm4gnFoam.so" ]; then
     step "m4gn for solids4foam" build_m4gn || die "openfoam/solids4foam did not build"
 else
-    warn "lib/libm4gnFoam.so is not there yet: after ./Allrun --setup-only type this again for lib/libm4gnSolids4Foam.so"
+    warn "lib/libm4gnFoam.so is not there yet: after ./Allrun --setup-only type setup/solids4foam.sh for lib/libm4gnSolids4Foam.so"
 fi
-echo "export SOLIDS4FOAM_INST_DIR=$into SOLIDS4FOAM_DIR=$into/source SOLIDS4FOAM_LIB_DIR=$into/lib"
+echo "export SOLIDS4FOAM_INST_DIR=$SOLIDS4FOAM_INST_DIR SOLIDS4FOAM_DIR=$SOLIDS4FOAM_DIR SOLIDS4FOAM_LIB_DIR=$SOLIDS4FOAM_LIB_DIR"
 echo "export PATH=\$SOLIDS4FOAM_INST_DIR/bin:\$PATH LD_LIBRARY_PATH=\$SOLIDS4FOAM_INST_DIR/lib:\$LD_LIBRARY_PATH"

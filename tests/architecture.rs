@@ -3,7 +3,7 @@
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
-    path::Path,
+    path::{Path, PathBuf},
 };
 
 type Rooms = BTreeMap<String, BTreeSet<String>>;
@@ -131,24 +131,31 @@ fn what_the_solver_loads_draws_nothing() {
     }
 }
 
-/// What the CMakeLists.txt and the build script below openfoam/ let each room include.
+/// The folders of openfoam/, and that of the bridge.
+fn openfoam_folders() -> Vec<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let below = fs::read_dir(root.join("openfoam")).unwrap().map(|entry| entry.unwrap().path());
+    below.chain([root.join("cpp/bridge")]).collect()
+}
+
+fn room_of(folder: &Path) -> String {
+    folder.file_name().unwrap().to_str().unwrap().to_owned()
+}
+
+/// What the CMakeLists.txt below openfoam/ and the build script of the bridge let each room include.
 fn openfoam_rooms() -> Rooms {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../openfoam");
     let mut rooms = Rooms::new();
-    for entry in fs::read_dir(root).unwrap() {
-        let folder = entry.unwrap().path();
-        let room = folder.file_name().unwrap().to_str().unwrap().to_owned();
+    for folder in openfoam_folders() {
         if folder.join("CMakeLists.txt").exists() {
             let text = read(folder.join("CMakeLists.txt"));
             let own_project = between(&text, "set(imports ", ")");
             let imports = format!("{own_project} {}", between(&text, "IMPORTS ", ")"));
-            rooms.insert(room, names(&imports, &[' ', '\n']));
+            rooms.insert(room_of(&folder), names(&imports, &[' ', '\n']));
         } else if folder.join("build.rs").exists() {
             let text = read(folder.join("build.rs"));
             let includes = names(between(&text, ".includes([", "])"), &[',']);
-            let ours = includes.iter().filter_map(|i| i.trim_matches('"').strip_prefix("../"));
-            let imports = ours.filter(|i| !i.contains('/')).map(str::to_owned).collect();
-            rooms.insert(room, imports);
+            let ours = includes.iter().filter_map(|i| i.trim_matches('"').strip_prefix("../../openfoam/"));
+            rooms.insert(room_of(&folder), ours.map(str::to_owned).collect());
         }
     }
     rooms
@@ -175,8 +182,8 @@ fn no_room_of_openfoam_imports_itself_through_others() {
 #[test]
 fn headers_of_openfoam_have_one_room() {
     let mut seen = BTreeMap::new();
-    for room in openfoam_rooms().into_keys() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../openfoam").join(&room);
+    for folder in openfoam_folders().into_iter().filter(|folder| folder.is_dir()) {
+        let room = room_of(&folder);
         for entry in fs::read_dir(folder).unwrap() {
             let name = entry.unwrap().file_name().into_string().unwrap();
             if name.ends_with(".H") {

@@ -200,7 +200,7 @@ fn compare_refuses_what_cannot_be_compared() {
     fails(&[&a, "/nowhere"], "is not an OpenFOAM case");
     fails(&[&a, "/tmp/my case"], "has the character ' '");
     fails(&[&a, &b, "--patch", "wing"], "its patches are inlet, outlet, body, sides");
-    fails(&[&a, &b, "--follow", "outlet"], "of a solid");
+    fails(&[&a, &b, "--probe-patch", "outlet"], "of a solid");
     fails(&[&a, &b, "--from", "0.5"], "took over at 0.5 s");
     fails(&[&a, &b, "--from", "3"], "took over at 3 s");
     fails(&[&a, &b, "--wall-a", "0"], "expected a positive number");
@@ -237,7 +237,7 @@ fn the_motion_of_a_solid_is_compared() {
     // The cell beside the outlet is the one that moves most; the one beside the inlet moves half as far.
     for (patch, most) in [(None, 1.0), (Some("outlet"), 1.0), (Some("inlet"), 0.5)] {
         let mut args = vec!["compare", &a, &b, "--json", &json, "--html", &html];
-        args.extend(patch.iter().flat_map(|p| ["--follow", p]));
+        args.extend(patch.iter().flat_map(|p| ["--probe-patch", p]));
         let run = m4gn(&args);
         assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
         let found = figures(&json);
@@ -272,7 +272,7 @@ fn the_motion_of_a_solid_is_compared() {
     };
     fails(&["--interpolate"], "--interpolate");
     fails(&["--patch", "wing"], "its patches are inlet, outlet, body, sides");
-    fails(&["--follow", "wing"], "its patches are inlet, outlet, body, sides");
+    fails(&["--probe-patch", "wing"], "its patches are inlet, outlet, body, sides");
     sways(Path::new(&a), 0.0);
     fails(&[], "does not move");
     fs::remove_file(Path::new(&b).join("24/D")).unwrap();

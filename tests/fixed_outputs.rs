@@ -5,25 +5,24 @@
 
 use m4gn_engine::Isa;
 use m4gn_mesh::body::{Body, Obstacle};
-use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{Model, ModelSpec, Output, Resolution};
+use m4gn_parallel::Comm;
 use m4gn_samples::bodies;
 use m4gn_samples::mesh as sample;
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use std::path::Path;
 
 /// Model, case, digest of two steps, and the last of the predicted values for people.
-const EXPECTED: [(&str, &str, u64, f64); 10] = [
+const EXPECTED: [(&str, &str, u64, f64); 9] = [
     ("beam", "cells", 0xf929_2ec3_f931_4d14, 0.06006156456125669),
     ("cylinder-flow", "cells", 0xa8fa_14aa_fa0e_516d, -0.7957298159599304),
     ("cylinder-flow", "groups", 0xcb7c_c863_e12a_f8ee, -0.1545543074607849),
-    ("pressed-beam", "cells", 0x7e6d_7eca_1512_bb22, 0.07002612828346325),
     ("pressed-rubber", "cells", 0x3859_ce91_ac07_5565, 0.44769463585948355),
     ("vibrating-points", "cells", 0x2069_fc77_8f6b_ba62, -1.438423991203308),
     ("vibrating-rubber", "cells", 0x3e6c_df6e_4abd_f53e, 0.10366823234491879),
     ("deforming-beam", "body", 0xdfc0_d05e_5082_badc, -0.0001539868892419338),
-    ("deforming-plate", "body", 0x082e_7b41_57cc_b02e, -0.0009817163380489917),
+    ("deforming-plate", "body", 0x48a8_bf35_ebad_04c4, -0.00101027433613197),
     ("stacked-beams", "bodies", 0x37ba_f0d0_4fc4_ce15, -3.489813432366873e-5),
 ];
 
@@ -129,7 +128,7 @@ fn uneven(mut body: Body) -> Body {
     body
 }
 
-/// Two steps of a body under an obstacle that comes down on it, and a third one from a state that a solver handed over.
+/// Two steps of a body under an obstacle that comes down on it, and a third one from a state that a solver changed.
 fn steps_of_body(model: &Model, body: &Body, obstacle: &Obstacle) -> Vec<f64> {
     let mesh = body.mesh(Some(obstacle));
     let mut session = Session::new(Comm::serial(), &mesh, model, &options(Resolution::Off)).unwrap();
@@ -139,11 +138,9 @@ fn steps_of_body(model: &Model, body: &Body, obstacle: &Obstacle) -> Vec<f64> {
     let mut all = Vec::new();
     for step in 0..3 {
         if step == 2 {
-            let before = u.clone();
             for (i, u) in u.iter_mut().enumerate().filter(|(i, _)| body.types[*i] == NodeType::Body) {
                 u[2] -= 3e-4 * wave(i, 31);
             }
-            session.set_before(&before, &at(step - 1)).unwrap();
         }
         session.step_body(&mut u, [&at(step), &at(step + 1)]).unwrap();
         all.extend_from_slice(u.as_flattened());

@@ -9,7 +9,7 @@ use m4gn_workbench::foam_case::{FoamCase, Reaction, Unknown};
 use std::{fs, path::Path, process::Command};
 use tempfile::TempDir;
 
-fn open(case: &Path) -> m4gn_mesh::Result<FoamCase> {
+fn open(case: &Path) -> m4gn_base::Result<FoamCase> {
     FoamCase::open(case)
 }
 
@@ -97,7 +97,7 @@ fn forces_on_a_closed_body() {
 #[test]
 fn openfoams_own_messages_become_errors() {
     let _alone = alone();
-    let message = |e: m4gn_mesh::Result<FoamCase>| e.err().expect("an error").to_string();
+    let message = |e: m4gn_base::Result<FoamCase>| e.err().expect("an error").to_string();
     let dir = TempDir::new().unwrap();
     let missing = message(open(&dir.path().join("none")));
     assert!(

@@ -9,7 +9,7 @@ use m4gn_workbench::foam_case::{FoamCase, Reaction, Unknown};
 use std::{fs, path::Path};
 use tempfile::TempDir;
 
-fn open(case: &Path) -> m4gn_mesh::Result<FoamCase> {
+fn open(case: &Path) -> m4gn_base::Result<FoamCase> {
     FoamCase::open(case)
 }
 

@@ -15,7 +15,7 @@ fn hybrid(folder: &Path, options: &str) -> Output {
     Command::new(env!("CARGO_BIN_EXE_m4gn"))
         .env("M4GN_HOME", HOME)
         .env_remove("WM_PROJECT_DIR")
-        .args("hybrid --count 1 --set mesh=coarse --start-up 0.5 --end 1.6 --seed 7".split(' '))
+        .args("hybrid --count 1 --set mesh=coarse --takeover 0.5 --end 1.6 --seed 7".split(' '))
         .arg("--model")
         .arg(model)
         .arg("--out")
@@ -34,7 +34,7 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name);
     let options = format!(
-        "--variant short={} --variant strict={} --plain loose --plain half=cells=0.5 --json {} --html {}",
+        "--variant short={} --variant strict={} --baseline loose --baseline half=cells=0.5 --json {} --html {}",
         path("short").display(),
         path("strict").display(),
         path("f.json").display(),
@@ -57,7 +57,7 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     assert!(number("short", "replaced") < number("hybrid", "replaced"));
     // No jump is within that tolerance: the solver goes on alone, which is a result
     assert_eq!((number("strict", "replaced"), number("strict", "end")), (0.0, 0.0));
-    let run = ["hybrid", "linear", "network-linear", "linear-loose", "short", "strict", "loose", "half"];
+    let run = ["hybrid", "dmd", "network-dmd", "dmd-loose", "short", "strict", "loose", "half"];
     for name in run {
         for key in ["first", "jump", "end", "drag", "cells"] {
             assert!(number(name, key).is_finite());
@@ -149,7 +149,7 @@ fn a_family_that_was_edited_is_run_anew() {
     let dir = tempfile::tempdir().unwrap();
     let own = own_family(dir.path());
     let json = dir.path().join("f.json");
-    let options = format!("--family {} --plain none --json {}", own.display(), json.display());
+    let options = format!("--family {} --baseline none --json {}", own.display(), json.display());
     let run = || {
         let done = hybrid(dir.path(), &options);
         assert!(done.status.success(), "{}", text(&done));
@@ -169,7 +169,7 @@ fn a_family_that_was_edited_is_run_anew() {
     edit("constant/transportProperties", "@nu@", "2e-3");
     let thicker = run();
     assert!(thicker.0 && thicker.1 != slower.1);
-    let inside = hybrid(dir.path(), &format!("{options} --stretches {}", own.join("pool").display()));
+    let inside = hybrid(dir.path(), &format!("{options} --record-solver {}", own.join("pool").display()));
     assert!(text(&inside).contains("inside of the family's folder"), "{}", text(&inside));
 }
 
@@ -199,12 +199,12 @@ fn solids_are_compared_by_their_displacement() {
     let run = Command::new(env!("CARGO_BIN_EXE_m4gn"))
         .env("M4GN_HOME", HOME)
         .env_remove("WM_PROJECT_DIR")
-        .args("hybrid --family vibrating-beam --count 1 --seed 7 --end 0.6 --plain loose".split(' '))
+        .args("hybrid --family vibrating-beam --count 1 --seed 7 --end 0.6 --baseline loose".split(' '))
         .arg("--model")
         .arg(Path::new(HOME).join("models/beam.safetensors"))
         .arg("--out")
         .arg(dir.path().join("runs"))
-        .arg("--stretches")
+        .arg("--record-solver")
         .arg(dir.path().join("pool"))
         .arg("--json")
         .arg(&json)
@@ -266,9 +266,9 @@ fn what_cannot_be_is_refused_before_anything_runs() {
     for (options, words) in [
         (own[0].as_str(), "[hybrid]"),
         (own[1].as_str(), "libm4gnNone.so"),
-        ("--family none-such", "cylinder-flow, pressed-beam, pressed-rubber, vibrating-beam"),
+        ("--family none-such", "cylinder-flow, pressed-rubber, vibrating-beam"),
         ("--set u0=-1", "above 0"),
-        ("--plain fast", "loose, coarse"),
+        ("--baseline fast", "loose, coarse"),
         (named.as_str(), "'hybrid' cannot be"),
         ("--variant a=/dev/null", "expected a plain file, found a pipe or a device"),
         ("--variant a=/no/file", "/no/file"),

@@ -13,13 +13,13 @@ mod ranks;
 mod segments;
 
 use checks::{Checks, compare_modes, compare_segments};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::{ModalOptions, Modes};
 use m4gn_model::{SegmentMethod, SegmentSpec};
 use m4gn_modes::Modal;
 use m4gn_modes::{laplacian_modes, laplacian_reference};
+use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use m4gn_structure::graph::Graph;
 use m4gn_structure::{Segmentation, segment};

@@ -9,14 +9,14 @@ mod ranks;
 #[path = "mpi_engine/bodies.rs"]
 mod bodies;
 
+use m4gn_base::{Error, Result};
 use m4gn_engine::Precision;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{
-    Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, NodeSums,
-    Output, Resolution, SegmentSpec, cell_size,
+    Activation, Architecture, Kind, M4gn, MacroSpec, Model, ModelSpec, NodeSums, Resolution, SegmentSpec,
+    cell_size,
 };
+use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use std::process::ExitCode;
@@ -206,44 +206,22 @@ impl State {
 }
 
 fn spec(dim: usize, layers_after: usize, overlap: usize, rwse_steps: usize) -> ModelSpec {
-    let field = |name: &str, vector, output| FieldSpec {
-        name: name.into(),
-        vector,
-        dimensions: [0; 7],
-        input: true,
-        output,
-        floor: None,
-    };
+    let (centroids, offsets) = (rwse_steps > 0, layers_after > 0);
+    let segment_transformer =
+        MacroSpec { layers: 2, heads: 3, ffn_width: 32, rwse_steps, centroids, offsets };
+    let mut small = m4gn_samples::model::spec();
+    // Without units no field is a velocity, and the change at walls is not carried back by the layer's course, which rounds more.
+    small.fields.iter_mut().for_each(|field| field.dimensions = [0; 7]);
     ModelSpec {
-        format: 1,
         dim,
-        stride: 0.01,
-        fields: vec![field("U", true, Output::Delta), field("p", false, Output::Value)],
         node_types: NodeType::ALL.to_vec(),
         architecture: Architecture {
             width: 24,
-            hidden_layers: 1,
             activation: Activation::Silu,
-            micro: MicroSpec::default(),
-            kind: Kind::M4gn(M4gn {
-                layers_before: 3,
-                layers_after,
-                segment_transformer: MacroSpec {
-                    layers: 2,
-                    heads: 3,
-                    ffn_width: 32,
-                    rwse_steps,
-                    centroids: rwse_steps > 0,
-                    offsets: layers_after > 0,
-                },
-            }),
+            kind: Kind::M4gn(M4gn { layers_before: 3, layers_after, segment_transformer }),
+            ..small.architecture
         },
-        contact: None,
-        resolution: None,
         segments: SegmentSpec { count: 6, modes: 3, overlap, ..SegmentSpec::default() },
-        precision: Precision::Fp32,
-        trained_on: None,
-        calibration: None,
-        training: serde_json::Value::Null,
+        ..small
     }
 }

@@ -5,9 +5,9 @@
 #[path = "ranks/mod.rs"]
 mod ranks;
 
-use m4gn_mesh::parallel::Comm;
 use m4gn_model::modal::ModalOptions;
 use m4gn_modes::fem::{Fixed, Material, Options, Plane, PointMesh, SolidModes, modes};
+use m4gn_parallel::Comm;
 use m4gn_samples::points as sample;
 use m4gn_samples::points::{Flat, Kind};
 use ranks::Checks;

@@ -5,10 +5,10 @@
 #[path = "ranks/mod.rs"]
 mod ranks;
 
+use m4gn_base::{Error, Result};
 use m4gn_data::{FieldMeta, FieldValues, Recorder, Split, Trajectory, WriteOptions};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use std::path::Path;
 use std::process::ExitCode;

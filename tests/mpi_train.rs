@@ -4,9 +4,9 @@
 #[path = "ranks/mod.rs"]
 mod ranks;
 
+use m4gn_base::{Error, Result};
 use m4gn_learn::BestOf;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_parallel::Comm;
 use m4gn_samples::training as sample;
 use m4gn_train::checkpoint::Checkpoint;
 use m4gn_train::{Request, train_native};

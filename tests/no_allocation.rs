@@ -3,11 +3,8 @@
 
 use m4gn_engine::Precision;
 use m4gn_mesh::NodeType;
-use m4gn_mesh::parallel::Comm;
-use m4gn_model::{
-    Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, Output,
-    SegmentSpec,
-};
+use m4gn_model::{Activation, Architecture, Kind, M4gn, MacroSpec, Model, ModelSpec, SegmentSpec};
+use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -39,14 +36,6 @@ static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn a_step_allocates_nothing() {
-    let field = |name: &str, vector, output| FieldSpec {
-        name: name.into(),
-        vector,
-        dimensions: [0; 7],
-        input: true,
-        output,
-        floor: None,
-    };
     let kinds = [
         (64, 1, 0, Precision::Fp32, 1),
         (128, 2, 1, Precision::Bf16, 1),
@@ -54,37 +43,22 @@ fn a_step_allocates_nothing() {
         (64, 3, 1, Precision::Bf16, 3),
     ];
     for (width, hidden_layers, overlap, precision, n_threads) in kinds {
+        let segment_transformer =
+            MacroSpec { layers: 2, heads: 4, ffn_width: 100, rwse_steps: 3, centroids: true, offsets: true };
+        let mut small = m4gn_samples::model::spec();
+        // Without units, as no velocity, whose extent is noted
+        small.fields.iter_mut().for_each(|field| field.dimensions = [0; 7]);
         let spec = ModelSpec {
-            format: 1,
-            dim: 2,
-            stride: 0.01,
-            fields: vec![field("U", true, Output::Delta), field("p", false, Output::Value)],
             node_types: NodeType::ALL.to_vec(),
             architecture: Architecture {
                 width,
                 hidden_layers,
                 activation: Activation::Silu,
-                micro: MicroSpec::default(),
-                kind: Kind::M4gn(M4gn {
-                    layers_before: 2,
-                    layers_after: 2,
-                    segment_transformer: MacroSpec {
-                        layers: 2,
-                        heads: 4,
-                        ffn_width: 100,
-                        rwse_steps: 3,
-                        centroids: true,
-                        offsets: true,
-                    },
-                }),
+                kind: Kind::M4gn(M4gn { layers_before: 2, layers_after: 2, segment_transformer }),
+                ..small.architecture
             },
-            contact: None,
-            resolution: None,
             segments: SegmentSpec { count: 12, overlap, ..SegmentSpec::default() },
-            precision: Precision::Fp32,
-            trained_on: None,
-            calibration: None,
-            training: serde_json::Value::Null,
+            ..small
         };
         let mesh = sample::triangles(30, 12, 1.6, 0.41);
         let model = Model::random(spec, 1).unwrap();

@@ -10,9 +10,7 @@ use std::time::{Duration, Instant};
 
 /// Data, and a configuration whose segments need the modes of PETSc and SLEPc.
 fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::create_dir(folder.path().join("data")).unwrap();
-    sample::write_data(&folder.path().join("data"), 3).unwrap();
+    let folder = sample::folder();
     let config = sample::config("").replace("\"metis\"", "\"slic-md\"");
     std::fs::write(folder.path().join("config.toml"), config).unwrap();
     folder

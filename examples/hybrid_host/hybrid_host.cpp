@@ -1,23 +1,25 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
 // A solver of your own as the host of a hybrid run, without OpenFOAM: a scalar p is carried and spread by a steady velocity U through a
-// channel of nx x ny square cells, explicit in time, and the model of a session takes its place for jumps.
+// channel of nx x ny square cells, explicit in time. What comes in swings. Surrogates take the solver's place for jumps.
 //
 //     hybrid_host MODEL OPTIONS END [STATE AT [resume]]
 //
-// OPTIONS are the settings of m4gn_ride_new. At the time AT the state goes to STATE (the ride's) and STATE.fields (the host's);
-// with `resume` the run goes on from there. The last line is a checksum of p at the end. Any model with inputs U and p of two
-// dimensions will do; one that was not trained on this flow is kept from jumping by control.
+// OPTIONS are the settings of m4gn_ride_new. MODEL is the file of a network of U and p in two dimensions; one that was not trained on
+// this flow is kept from jumping by control. With "-" there is none, and the surrogate is a fit of the run's own states:
+//
+//     hybrid_host - '{"mode": "replace", "surrogates": ["dmd"]}' 20
+//
+// At the time AT the run's state goes to STATE (the ride's) and STATE.fields (the host's); with `resume` a run goes on from there. The
+// last line is a checksum of p at the end.
 
 #include "m4gn.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
-#include <stdexcept>
 
 namespace
 {
@@ -34,34 +36,30 @@ struct Channel
     std::vector<const char*> patches{"inlet", "outlet", "walls"};
     m4gn_mesh_data data{};
 
-    static int cell(int i, int j) { return j * nx + i; }
-
     Channel()
     {
-        for (int j = 0; j < ny; ++j) {
-            for (int i = 0; i < nx; ++i) {
-                global.push_back(cell(i, j));
-                centres.insert(centres.end(), {(i + 0.5) * h, (j + 0.5) * h, 0.5 * h});
-                volumes.push_back(h * h * h);
-                if (i + 1 < nx) {
-                    face(cell(i, j), cell(i + 1, j));
-                }
-                if (j + 1 < ny) {
-                    face(cell(i, j), cell(i, j + 1));
+        for (int c = 0; c < nCells; ++c) {
+            const int i = c % nx, j = c / nx;
+            global.push_back(c);
+            centres.insert(centres.end(), {(i + 0.5) * h, (j + 0.5) * h, 0.5 * h});
+            volumes.push_back(h * h * h);
+            for (const int other : {i + 1 < nx ? c + 1 : -1, j + 1 < ny ? c + nx : -1}) {
+                if (other >= 0) {
+                    owner.push_back(c);
+                    neighbour.push_back(other);
+                    faceCoeff.push_back(h);
                 }
             }
         }
         for (int j = 0; j < ny; ++j) {
-            boundary(cell(0, j), 0, (j + 0.5) * h, -1, 0, M4GN_INLET, 0);
+            boundary(j * nx, -1, 0, M4GN_INLET, 0);
         }
         for (int j = 0; j < ny; ++j) {
-            boundary(cell(nx - 1, j), nx * h, (j + 0.5) * h, 1, 0, M4GN_OUTLET, 1);
+            boundary(j * nx + nx - 1, 1, 0, M4GN_OUTLET, 1);
         }
         for (int i = 0; i < nx; ++i) {
-            boundary(cell(i, 0), (i + 0.5) * h, 0, 0, -1, M4GN_WALL, 2);
-        }
-        for (int i = 0; i < nx; ++i) {
-            boundary(cell(i, ny - 1), (i + 0.5) * h, ny * h, 0, 1, M4GN_WALL, 2);
+            boundary(i, 0, -1, M4GN_WALL, 2);
+            boundary(nCells - nx + i, 0, 1, M4GN_WALL, 2);
         }
 
         data.n_directions = 2;
@@ -86,19 +84,15 @@ struct Channel
         data.patch_names = patches.data();
     }
 
-    void face(int a, int b)
-    {
-        owner.push_back(a);
-        neighbour.push_back(b);
-        faceCoeff.push_back(h);
-    }
-
-    void boundary(int cell, double x, double y, double ax, double ay, int type, int patch)
+    // A face of this cell with an outward normal.
+    void boundary(int cell, double x, double y, int type, int patch)
     {
         boundaryGlobal.push_back(static_cast<int64_t>(boundaryOwner.size()));
         boundaryOwner.push_back(cell);
-        boundaryCentres.insert(boundaryCentres.end(), {x, y, 0.5 * h});
-        boundaryArea.insert(boundaryArea.end(), {ax * h * h, ay * h * h, 0});
+        const double* centre = &centres[3 * cell];
+        boundaryCentres.insert(
+            boundaryCentres.end(), {centre[0] + 0.5 * h * x, centre[1] + 0.5 * h * y, centre[2]});
+        boundaryArea.insert(boundaryArea.end(), {x * h * h, y * h * h, 0});
         boundaryCoeff.push_back(2 * h);
         boundaryType.push_back(type);
         boundaryPatch.push_back(patch);
@@ -111,92 +105,112 @@ struct Solver
     const Channel& mesh;
     double time = 0;
     int64_t index = 0;
-    std::vector<double> U, UBoundary, p, pBoundary;
-    std::vector<int32_t> held;
+    std::vector<double> U, UBoundary, p, pBoundary, held;
 
     explicit Solver(const Channel& m)
         : mesh(m), U(3 * nCells), UBoundary(3 * m.boundaryOwner.size()), p(nCells),
           pBoundary(m.boundaryOwner.size())
     {
-        for (int c = 0; c < nCells; ++c) {
-            U[3 * c] = profile(mesh.centres[3 * c + 1]);
-        }
-        for (std::size_t f = 0; f < mesh.boundaryOwner.size(); ++f) {
+        for (std::size_t f = 0; f < pBoundary.size(); ++f) {
             const bool wall = mesh.boundaryType[f] == M4GN_WALL;
             UBoundary[3 * f] = wall ? 0 : profile(mesh.boundaryCentres[3 * f + 1]);
             held.push_back(mesh.boundaryType[f] == M4GN_INLET);
         }
-        setBoundary();
+        complete();
     }
 
     static double profile(double y) { return 6 * speed * y * (ny * h - y) / ((ny * h) * (ny * h)); }
 
-    // What comes in swings; elsewhere p does not change across the boundary.
-    void setBoundary()
+    // p of the inlet's face j.
+    static double inlet(double time, int j) { return std::sin(6 * time) * std::sin(M_PI * (j + 0.5) / ny); }
+
+    // What follows from time and p: the velocity is the host's own, and p does not change across outlet and walls.
+    void complete()
     {
+        for (int c = 0; c < nCells; ++c) {
+            U[3 * c] = profile(mesh.centres[3 * c + 1]);
+            U[3 * c + 1] = 0;
+        }
         for (std::size_t f = 0; f < pBoundary.size(); ++f) {
-            const double y = mesh.boundaryCentres[3 * f + 1];
-            pBoundary[f] =
-                held[f] ? std::sin(6 * time) * std::sin(M_PI * y / (ny * h)) : p[mesh.boundaryOwner[f]];
+            pBoundary[f] = held[f] ? inlet(time, static_cast<int>(f)) : p[mesh.boundaryOwner[f]];
         }
     }
 
     void step()
     {
-        std::vector<double> next(p);
-        for (int j = 0; j < ny; ++j) {
-            for (int i = 0; i < nx; ++i) {
-                const int c = Channel::cell(i, j);
-                const double here = p[c], west = i ? p[c - 1] : pBoundary[j],
-                             east = i + 1 < nx ? p[c + 1] : here;
-                const double south = j ? p[c - nx] : here, north = j + 1 < ny ? p[c + nx] : here;
-                const double spread = diffusivity * (west + east + south + north - 4 * here) / (h * h);
-                next[c] += dt * (spread - U[3 * c] * (here - west) / h);
-            }
+        const std::vector<double> old(p);
+        for (int c = 0; c < nCells; ++c) {
+            const int i = c % nx, j = c / nx;
+            const double here = old[c], west = i ? old[c - 1] : pBoundary[j],
+                         east = i + 1 < nx ? old[c + 1] : here;
+            const double south = j ? old[c - nx] : here, north = j + 1 < ny ? old[c + nx] : here;
+            const double spread = diffusivity * (west + east + south + north - 4 * here) / (h * h);
+            p[c] += dt * (spread - U[3 * c] * (here - west) / h);
         }
-        p = next;
-        time += dt;
-        ++index;
-        setBoundary();
+        advance(dt, 1);
+    }
+
+    // p is that of a later time.
+    void advance(double by, int64_t steps)
+    {
+        time += by;
+        index += steps;
+        complete();
     }
 };
 
 class Host
 {
 public:
-    Host(const std::string& model, const std::string& options, double end)
-        : end_(end), solver_(mesh_), session_(M4GN_NO_MPI, mesh_.data, m4gn::Model(M4GN_NO_MPI, model)),
-          ride_(session_, mesh_.data, options, now())
-    {}
-
-    void saveAt(const std::string& path, double at)
+    // saveAt: the time at which the state goes to the path; below 0: never.
+    Host(
+        const std::string& model, const std::string& options, double end, const std::string& path,
+        double saveAt)
+        : end_(end), saveAt_(saveAt), path_(path), solver_(mesh_)
     {
-        path_ = path;
-        saveTime_ = at;
+        m4gn::Host host{};
+        host.state.add("p", M4GN_CELLS, M4GN_SOLVED, 1, solver_.p, mesh_.volumes.data());
+        // The inlet's faces come first.
+        host.state.add(
+            {"inlet", M4GN_FACES, M4GN_PRESCRIBED, 1, 0, ny, -HUGE_VAL, nullptr}, solver_.pBoundary.data());
+        host.ahead = [this](double later, const std::vector<double*>& places) {
+            for (int j = 0; j < ny; ++j) {
+                places[1][j] = Solver::inlet(solver_.time + later, j);
+            }
+        };
+        if (model != "-") {
+            session_.reset(new m4gn::Session(M4GN_NO_MPI, mesh_.data, m4gn::Model(M4GN_NO_MPI, model)));
+            host.session = session_.get();
+            host.mesh = &mesh_.data;
+            // What a network reads and a fit need not know.
+            host.state.add("U", M4GN_CELLS, M4GN_SOLVED, 3, solver_.U, mesh_.volumes.data(), 2)
+                .add("U", M4GN_BOUNDARY, M4GN_CARRIED, 3, solver_.UBoundary)
+                .add("p", M4GN_BOUNDARY, M4GN_CARRIED, 1, solver_.pBoundary)
+                .add("p", M4GN_BOUNDARY, M4GN_HELD, 1, solver_.held);
+        }
+        ride_.reset(new m4gn::Ride(M4GN_NO_MPI, host, options, now()));
     }
 
-    void resume(const std::string& path)
+    void resume()
     {
-        std::ifstream file(path + ".fields", std::ios::binary);
-        file.read(reinterpret_cast<char*>(&solver_.time), sizeof(double));
-        file.read(reinterpret_cast<char*>(&solver_.index), sizeof(int64_t));
-        file.read(reinterpret_cast<char*>(solver_.p.data()), nCells * sizeof(double));
-        if (!file) {
-            throw std::runtime_error("cannot read " + path + ".fields");
+        std::ifstream file(path_ + ".fields", std::ios::binary);
+        if (!file.read(reinterpret_cast<char*>(&solver_.time), sizeof(double))
+                 .read(reinterpret_cast<char*>(&solver_.index), sizeof(int64_t))
+                 .read(reinterpret_cast<char*>(solver_.p.data()), nCells * sizeof(double)))
+        {
+            throw std::runtime_error("cannot read " + path_ + ".fields");
         }
-        solver_.setBoundary();
-        follow(ride_.load(path, now()));
+        solver_.complete();
+        follow(ride_->load(path_, now()));
     }
 
     void run()
     {
         while (solver_.time < end_ - 0.5 * dt) {
             solver_.step();
-            const m4gn_ride_answer answer = ride_.solved(now());
-            save();
-            follow(answer);
+            follow(ride_->solved(now()));
         }
-        const std::string summary = ride_.text(M4GN_RIDE_SUMMARY);
+        const std::string summary = ride_->text(M4GN_RIDE_SUMMARY);
         listen();
         double sum = 0;
         for (const double value : solver_.p) {
@@ -208,43 +222,35 @@ public:
     }
 
 private:
-    double end_, saveTime_ = -1;
+    double end_, saveAt_;
     std::string path_;
     Channel mesh_;
     Solver solver_;
-    m4gn::Session session_;
-    m4gn::Ride ride_;
+    std::unique_ptr<m4gn::Session> session_;
+    std::unique_ptr<m4gn::Ride> ride_;
 
     m4gn_ride_step now() const
     {
-        return {solver_.time, dt, end_, solver_.time, 0, solver_.index, nullptr, -1, -1};
-    }
-
-    std::vector<m4gn_field> fields() const
-    {
-        return {
-            {"U", 3, solver_.U.data(), solver_.UBoundary.data()},
-            {"p", 1, solver_.p.data(), solver_.pBoundary.data()}};
+        return {solver_.time, dt, end_, solver_.time, solver_.index, nullptr, -1, -1};
     }
 
     void save()
     {
-        if (std::abs(solver_.time - saveTime_) > 0.5 * dt) {
-            return;
+        if (std::abs(solver_.time - saveAt_) < 0.5 * dt) {
+            ride_->save(path_);
+            std::ofstream(path_ + ".fields", std::ios::binary)
+                .write(reinterpret_cast<const char*>(&solver_.time), sizeof(double))
+                .write(reinterpret_cast<const char*>(&solver_.index), sizeof(int64_t))
+                .write(reinterpret_cast<const char*>(solver_.p.data()), nCells * sizeof(double));
         }
-        ride_.save(path_);
-        std::ofstream file(path_ + ".fields", std::ios::binary);
-        file.write(reinterpret_cast<const char*>(&solver_.time), sizeof(double));
-        file.write(reinterpret_cast<const char*>(&solver_.index), sizeof(int64_t));
-        file.write(reinterpret_cast<const char*>(solver_.p.data()), nCells * sizeof(double));
     }
 
     void listen()
     {
         for (const int32_t kind : {M4GN_RIDE_LOG, M4GN_RIDE_JUMPS, M4GN_RIDE_STRIDES, M4GN_RIDE_ERRORS}) {
-            std::fputs(ride_.text(kind).c_str(), stdout);
+            std::fputs(ride_->text(kind).c_str(), stdout);
         }
-        for (std::string w = ride_.text(M4GN_RIDE_WARNING); !w.empty(); w = ride_.text(M4GN_RIDE_WARNING)) {
+        for (std::string w = ride_->text(M4GN_RIDE_WARNING); !w.empty(); w = ride_->text(M4GN_RIDE_WARNING)) {
             std::fprintf(stderr, "warning: %s\n", w.c_str());
         }
     }
@@ -252,27 +258,16 @@ private:
     // Does what the ride says until the solver is to work again.
     void follow(m4gn_ride_answer answer)
     {
-        std::vector<double> U(solver_.U), p(nCells);
-        const std::vector<const int32_t*> held(2, solver_.held.data());
+        save();
         while (answer.action != M4GN_RIDE_SOLVE) {
-            switch (answer.action) {
-            case M4GN_RIDE_DECIDE:
-                answer = ride_.decide(fields(), held.data());
-                break;
-            case M4GN_RIDE_STRIDE:
-                answer = ride_.stride(fields(), {{"U", 3, U.data()}, {"p", 1, p.data()}});
-                break;
-            case M4GN_RIDE_ADVANCE:
-                // The velocity is the host's own and stays.
-                solver_.p = p;
-                solver_.time += answer.duration;
-                solver_.index += answer.solver_steps;
-                solver_.setBoundary();
-                answer = ride_.advanced(now());
+            if (answer.action == M4GN_RIDE_STRIDE) {
+                answer = ride_->stride();
+            } else if (answer.action == M4GN_RIDE_ADVANCE) {
+                solver_.advance(answer.duration, answer.solver_steps);
+                answer = ride_->advanced(now());
                 save();
-                break;
-            default:
-                answer = ride_.handedBack(now(), fields());
+            } else {
+                answer = ride_->handedBack(now());
             }
         }
         listen();
@@ -288,12 +283,12 @@ int main(int argc, char** argv)
         return 2;
     }
     try {
-        Host host(argv[1], argv[2], std::atof(argv[3]));
-        if (argc == 6) {
-            host.saveAt(argv[4], std::atof(argv[5]));
-        }
-        if (argc == 7) {
-            host.resume(argv[4]);
+        const bool resumes = argc == 7;
+        Host host(
+            argv[1], argv[2], std::atof(argv[3]), argc > 4 ? argv[4] : "",
+            argc > 4 && !resumes ? std::atof(argv[5]) : -1);
+        if (resumes) {
+            host.resume();
         }
         host.run();
     } catch (const std::exception& e) {

@@ -3,7 +3,7 @@
 #include "m4gnAnderson.H"
 #include "addToRunTimeSelectionTable.H"
 #include "m4gnClock.H"
-#include "m4gnRun.H"
+#include "m4gnCaseChecks.H"
 #include "m4gnDictionary.H"
 #include "pointFields.H"
 #include "surfaceFields.H"
@@ -144,8 +144,8 @@ void Foam::functionObjects::m4gnAnderson::solveNext()
 
 Foam::functionObjects::m4gnAnderson::m4gnAnderson(
     const word& name, const Time& runTime, const dictionary& dict)
-    : fvMeshFunctionObject(name, runTime, dict), started_(false), timeStart_(-VGREAT), wait_(0), pause_(0),
-      nSolved_(0), nCorrectors_(0), nLeft_(0), seconds_(0)
+    : fvMeshFunctionObject(name, runTime, dict), started_(false), due_(false), timeStart_(-VGREAT), wait_(0),
+      pause_(0), nSolved_(0), nCorrectors_(0), nLeft_(0), seconds_(0)
 {
     read(dict);
 }
@@ -164,8 +164,11 @@ bool Foam::functionObjects::m4gnAnderson::read(const dictionary& dict)
 
 bool Foam::functionObjects::m4gnAnderson::filesModified() const
 {
-    if (!started_ && !postProcess && time_.value() >= timeStart_) {
+    const bool first = !started_ && !postProcess && time_.value() >= timeStart_;
+
+    if (first || due_) {
         auto& self = const_cast<m4gnAnderson&>(*this);
+        self.due_ = false;
         self.start();
         self.solveNext();
     }
@@ -176,7 +179,7 @@ bool Foam::functionObjects::m4gnAnderson::filesModified() const
 bool Foam::functionObjects::m4gnAnderson::execute()
 {
     start();
-    solveNext();
+    due_ = true;
 
     return true;
 }

@@ -4,8 +4,8 @@
 #include "addToRunTimeSelectionTable.H"
 #include "m4gnDictionary.H"
 #include "m4gnExtrapolate.H"
-#include "m4gnReplacer.H"
-#include "m4gnRun.H"
+#include "m4gnActiveSurrogate.H"
+#include "m4gnCaseChecks.H"
 
 namespace Foam
 {
@@ -43,7 +43,7 @@ void Foam::functionObjects::m4gnPredictor::checkRun() const
                              << " hundreds) and D to a tolerance, or remove " << name() << exit(FatalError);
     }
 
-    const word replacer(m4gnReplacer::before(VGREAT));
+    const word replacer(m4gnActiveSurrogate::before(VGREAT));
     if (replacer.size()) {
         FatalErrorInFunction << "Function object " << name() << " predicts for a solver that " << replacer
                              << " replaces" << nl << "    Have one of them in a run" << exit(FatalError);

@@ -34,9 +34,8 @@ Foam::m4gnFluxProjection::m4gnFluxProjection(const fvMesh& mesh, const dictionar
 
     m4gn::checkKeys(own, {"nCorrectors", "tolerance", "pressure"}, false);
 
-    if (own.readIfPresent("nCorrectors", nCorrectors_)) {
-        m4gn::checkAtLeast(own, "nCorrectors", nCorrectors_, 0);
-    }
+    nCorrectors_ = own.getOrDefault<label>("nCorrectors", 0);
+    m4gn::checkAtLeast(own, "nCorrectors", nCorrectors_, 0);
 
     if (own.readIfPresent("tolerance", tolerance_)) {
         m4gn::checkAtLeast(own, "tolerance", tolerance_, VSMALL);

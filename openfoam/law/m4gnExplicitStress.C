@@ -23,8 +23,9 @@ Foam::m4gnExplicitStress::m4gnExplicitStress(const fvMesh& mesh)
         mesh_.lookupObject<IOdictionary>("mechanicalProperties").get<bool>("planeStress");
 
     // Not to be found in the registry in place of the solver's
-    mu_.reset(new volScalarField("m4gnMu", shearModulus(E, nu)));
-    lambda_.reset(new volScalarField("m4gnLambda", lambda(E, nu, planeStress)));
+    mu_.reset(new volScalarField("m4gnMu", E / (2 * (1 + nu))));
+    lambda_.reset(
+        new volScalarField("m4gnLambda", nu * E / ((1 + nu) * (planeStress ? 1 - nu : 1 - 2 * nu))));
 }
 
 bool Foam::m4gnExplicitStress::registered(const fvMesh& mesh)

@@ -37,6 +37,13 @@ Foam::string load()
 
 } // End anonymous namespace
 
+Foam::wordList Foam::m4gnSolidLaw::fields()
+{
+    return wordList(
+        {"sigma", "grad(D)", "grad(DD)", "DD", "pointD", "pointDD", "F", "Finv", "J", "relF", "relFinv",
+         "relJ", "rho", "epsilon_", "F_", "Ff_", "sigmaHyd", "grad(sigmaHyd)"});
+}
+
 Foam::autoPtr<Foam::m4gnSolidLaw> Foam::m4gnSolidLaw::New(const fvMesh& mesh)
 {
     static bool said = false;

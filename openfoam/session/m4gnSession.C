@@ -10,7 +10,7 @@
 #include "m4gnSegmentField.H"
 #include "m4gnSegmentation.H"
 #include "m4gnStoredSegments.H"
-#include "m4gnRun.H"
+#include "m4gnCaseChecks.H"
 #include "m4gnClock.H"
 #include "OSspecific.H"
 #include "Time.H"

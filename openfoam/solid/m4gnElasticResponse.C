@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnElasticResponse.H"
-#include "m4gnDictionary.H"
 #include "basicSymmetryFvPatchFields.H"
 #include "fixedGradientFvPatchFields.H"
 #include "fixedValueFvPatchFields.H"
 #include "fvcGrad.H"
 #include "fvmLaplacian.H"
 #include "fvmSup.H"
-#include "obstacleTractionFvPatchVectorField.H"
 #include "surfaceFields.H"
 
 namespace
@@ -75,8 +73,6 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnElasticResponse::heldAs(
             types[patchi] = patch.type();
         } else if (patch.fixesValue()) {
             types[patchi] = fixedValueFvPatchVectorField::typeName;
-        } else if (isA<obstacleTractionFvPatchVectorField>(patch)) {
-            types[patchi] = linearisedTractionFvPatchVectorField::typeName;
         }
     }
 
@@ -86,8 +82,8 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnElasticResponse::heldAs(
 }
 
 Foam::m4gnElasticResponse::m4gnElasticResponse(
-    const fvMesh& mesh, const m4gnExplicitStress& law, const word& entry, const scalar length)
-    : mesh_(mesh), law_(law), stiffness_("m4gnStiffness", law.stiffness()), entry_(entry), length_(length),
+    const fvMesh& mesh, const m4gnExplicitStress& law, const scalar length)
+    : mesh_(mesh), law_(law), stiffness_("m4gnStiffness", law.stiffness()), length_(length),
       inertia_(
           IOobject("m4gnInertia", mesh.time().timeName(), mesh, IOobject::NO_READ, IOobject::NO_WRITE, false),
           mesh, dimensionedScalar(dimless / sqr(dimTime), Zero))
@@ -97,103 +93,21 @@ Foam::m4gnElasticResponse::m4gnElasticResponse(
     }
 }
 
-Foam::scalar Foam::m4gnElasticResponse::lengthOf(
-    const dictionary& dict, const word& name, const scalar defaultLength)
+void Foam::m4gnElasticResponse::release(volVectorField& field, const volSymmTensorField& stress) const
 {
-    const std::string example(name + " { length " + m4gn::text(defaultLength) + "; }");
-    if (m4gn::isNone(dict, name, example)) {
-        return 0;
-    }
-    if (!dict.found(name)) {
-        return defaultLength;
-    }
-
-    const dictionary& own = dict.subDict(name);
-    m4gn::checkKeys(own, {"length"}, false);
-
-    const scalar length = own.getOrDefault<scalar>("length", defaultLength);
-
-    if (!(length > 0)) {
-        FatalIOErrorInFunction(own) << "Entry length of " << own.dictName() << " is " << length
-                                    << " cells; expected more than 0" << nl
-                                    << "    To hand over what was predicted: " << name << " none;"
-                                    << exit(FatalIOError);
-    }
-
-    return length;
-}
-
-Foam::List<Foam::m4gnElasticResponse::support> Foam::m4gnElasticResponse::touching(
-    const volVectorField& D, const scalar push)
-{
-    List<support> supports(D.boundaryField().size());
-
-    forAll(supports, patchi) {
-        const fvPatchVectorField& patch = D.boundaryField()[patchi];
-
-        if (isA<obstacleTractionFvPatchVectorField>(patch)) {
-            const auto& contact = refCast<const obstacleTractionFvPatchVectorField>(patch);
-
-            // A contact's own traction presses the layer between face and
-            // cell: a push is to bring the cell out
-            const vectorField displacement(push > 0 ? patch.patchInternalField() : contact.displacement());
-
-            scalarField stiffness, gap;
-            vectorField normal;
-            contact.contact(displacement, stiffness, gap, normal);
-
-            if (push > 0) {
-                stiffness *= push;
-            }
-            supports[patchi].slope = stiffness * cmptMultiply(normal, normal);
-            supports[patchi].traction =
-                push > 0 ? vectorField(-stiffness * gap * normal) : vectorField(gap.size(), Zero);
+    for (fvPatchVectorField& patch : field.boundaryFieldRef()) {
+        if (isA<fixedGradientFvPatchVectorField>(patch)) {
+            const label patchi = patch.patch().index();
+            refCast<fixedGradientFvPatchVectorField>(patch).gradient() -=
+                (patch.patch().nf() & stress.boundaryField()[patchi]) / stiffness_.boundaryField()[patchi];
         }
-    }
-
-    return supports;
-}
-
-void Foam::m4gnElasticResponse::release(
-    volVectorField& field, const volSymmTensorField& stress, const List<support>& supports) const
-{
-    auto& boundary = field.boundaryFieldRef();
-
-    forAll(boundary, patchi) {
-        fvPatchVectorField& patch = boundary[patchi];
-
-        if (!isA<fixedGradientFvPatchVectorField>(patch)) {
-            continue;
-        }
-
-        const vectorField traction(
-            (mesh_.boundary()[patchi].nf() & stress.boundaryField()[patchi])
-            / stiffness_.boundaryField()[patchi]);
-
-        if (!isA<linearisedTractionFvPatchVectorField>(patch)) {
-            refCast<fixedGradientFvPatchVectorField>(patch).gradient() -= traction;
-            continue;
-        }
-
-        auto& linear = refCast<linearisedTractionFvPatchVectorField>(patch);
-
-        if (supports.empty()) {
-            const vectorField none(patch.size(), Zero);
-            linear.linearise(none, none, traction);
-            continue;
-        }
-
-        const support& held = supports[patchi];
-        const vectorField moved(linear.displacement());
-        linear.linearise(held.traction - cmptMultiply(held.slope, moved), held.slope, traction);
     }
 
     field.correctBoundaryConditions();
 }
 
 Foam::tmp<Foam::volVectorField> Foam::m4gnElasticResponse::respond(
-    const volVectorField& D, const volVectorField::Internal& force, const scalar size,
-    const List<support>& supports) const
+    const volVectorField& D, const volVectorField::Internal& force, const scalar size) const
 {
     const word gradScheme("grad(" + D.name() + ')');
 
@@ -207,7 +121,7 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnElasticResponse::respond(
 
     const quietly log;
     volVectorField::Internal right(force);
-    release(response, law_.stress(fvc::grad(response, gradScheme)())(), supports);
+    release(response, law_.stress(fvc::grad(response, gradScheme)())());
 
     for (label sweep = 0; sweep < maxSweeps; ++sweep) {
         const vectorField before(response.primitiveField());
@@ -227,12 +141,12 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnElasticResponse::respond(
         const volSymmTensorField stress(law_.stress(gradient));
 
         right = force + law_.explicitPart(stress, gradient)().internalField();
-        release(response, stress, supports);
+        release(response, stress);
     }
 
     WarningInFunction << "The response of " << D.name() << " over a length of " << length_
                       << " cells has not converged in " << maxSweeps << " sweeps" << nl
-                      << "    Expected lengths of a few cells: give " << entry_ << " a smaller one" << endl;
+                      << "    Expected lengths of a few cells: give smoothing a smaller one" << endl;
 
     return tresponse;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnElasticSmoothing.H"
+#include "m4gnDictionary.H"
 #include "fvcGrad.H"
 #include "fvcLaplacian.H"
 
@@ -8,6 +9,33 @@ namespace
 {
 //- Most sweeps for the boundary values of the rate
 const Foam::label maxSweeps = 200;
+}
+
+Foam::scalar Foam::m4gnElasticSmoothing::lengthOf(const dictionary& dict)
+{
+    const word name("smoothing");
+    const scalar defaultLength = 2;
+
+    if (m4gn::isNone(dict, name, "smoothing { length 2; }")) {
+        return 0;
+    }
+    if (!dict.found(name)) {
+        return defaultLength;
+    }
+
+    const dictionary& own = dict.subDict(name);
+    m4gn::checkKeys(own, {"length"}, false);
+
+    const scalar length = own.getOrDefault<scalar>("length", defaultLength);
+
+    if (!(length > 0)) {
+        FatalIOErrorInFunction(own) << "Entry length of " << own.dictName() << " is " << length
+                                    << " cells; expected more than 0" << nl
+                                    << "    To hand over what was predicted: smoothing none;"
+                                    << exit(FatalIOError);
+    }
+
+    return length;
 }
 
 Foam::tmp<Foam::volVectorField> Foam::m4gnElasticSmoothing::elasticForce(
@@ -22,18 +50,16 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnElasticSmoothing::elasticForce(
 Foam::tmp<Foam::volVectorField> Foam::m4gnElasticSmoothing::correction(
     const volVectorField& D, const volVectorField::Internal& force, const scalar size) const
 {
-    const auto supports = m4gnElasticResponse::touching(D);
-
-    auto r = response_.respond(D, force, size, supports);
+    auto r = response_.respond(D, force, size);
     const volVectorField::Internal inertial(response_.inertia() * r().internalField());
-    r.ref() -= response_.respond(D, inertial, size, supports);
+    r.ref() -= response_.respond(D, inertial, size);
 
     return r;
 }
 
 Foam::m4gnElasticSmoothing::m4gnElasticSmoothing(
     const fvMesh& mesh, const dictionary& dict, const m4gnExplicitStress& law)
-    : mesh_(mesh), law_(law), response_(mesh, law, "smoothing", lengthOf(dict))
+    : mesh_(mesh), law_(law), response_(mesh, law, lengthOf(dict))
 {}
 
 Foam::scalar Foam::m4gnElasticSmoothing::smoothDisplacement(volVectorField& D) const

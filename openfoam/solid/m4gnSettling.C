@@ -2,7 +2,7 @@
 
 #include "m4gnSettling.H"
 #include "m4gnDictionary.H"
-#include "m4gnRun.H"
+#include "m4gnCaseChecks.H"
 #include "pointFields.H"
 #include "Time.H"
 #include "volFields.H"

@@ -199,13 +199,6 @@ Foam::m4gnSolids4FoamLaw::m4gnSolids4FoamLaw(const fvMesh& mesh) : mesh_(mesh), 
     }
 }
 
-Foam::wordList Foam::m4gnSolids4FoamLaw::fields() const
-{
-    return wordList(
-        {"sigma", "grad(D)", "grad(DD)", "DD", "pointD", "pointDD", "F", "Finv", "J", "relF", "relFinv",
-         "relJ", "rho", "epsilon_", "F_", "Ff_", "sigmaHyd", "grad(sigmaHyd)"});
-}
-
 bool Foam::m4gnSolids4FoamLaw::follow()
 {
     solidModel& solid = *solid_;

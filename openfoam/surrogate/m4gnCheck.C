@@ -3,7 +3,7 @@
 #include "m4gnCheck.H"
 #include "m4gnDictionary.H"
 #include "m4gnNodeTypes.H"
-#include "m4gnRide.H"
+#include "m4gnHybridRun.H"
 #include "m4gnVersion.H"
 #include "memInfo.H"
 #include "OFstream.H"
@@ -18,9 +18,10 @@ using namespace Foam;
 //- Steps after the jump that are watched, and those of which a time scale can be told
 const label most = 100, fewest = 20;
 
-//- Entries of the linear surrogate for a jump after a few states, however they are fitted
-const char* const early = "{ window 14; tail 3; delays (2 4); ranks (4 8); tolerance 1e30; enough "
-                          "1e30; first 1; longest 1; keep no; }";
+//- Entries of the dmd surrogate for a jump after a few states, however they are fitted
+const char* const early =
+    "{ window 14; holdOut 3; delays (2 4); svdRank (4 8); jumpTolerance 1e30; fitTolerance "
+    "1e30; initialJump 1; maxJump 1; keep no; }";
 
 dictionary parsed(const std::string& text)
 {
@@ -48,9 +49,9 @@ scalar memory()
 Foam::m4gnCheck::m4gnCheck(const fvMesh& mesh, const dictionary& dict)
     : mesh_(mesh), dict_(dict), file_(dict.get<fileName>("report")),
       seconds_(dict.getOrDefault<scalar>("seconds", 10)), made_(0), steps_(0), after_(0), jumped_(false),
-      began_(0), run_(nullptr)
+      began_(0), state_(nullptr)
 {
-    report_.set("surrogate", m4gnRide::kinds(dict).first());
+    report_.set("surrogate", m4gnHybridRun::kinds(dict).first());
     report_.set("cells", returnReduce(mesh.nCells(), sumOp<label>()));
     report_.set("ranks", Pstream::nProcs());
     report_.set("delta_t", mesh.time().deltaTValue());
@@ -65,8 +66,8 @@ Foam::dictionary Foam::m4gnCheck::jumping() const
 {
     dictionary own(m4gn::without(dict_, {"report", "seconds"}));
     own.set("mode", word("replace"));
-    if (m4gnRide::has(own, "linear")) {
-        own.merge(parsed(std::string("linear ") + early + " control { tolerance 1e30; relTol 1e30; }"));
+    if (m4gnHybridRun::has(own, "dmd")) {
+        own.merge(parsed(std::string("dmd ") + early + " control { tolerance 1e30; relTol 1e30; }"));
     } else {
         own.set("solverSteps", 5);
         own.set("surrogateSteps", 1);
@@ -76,8 +77,8 @@ Foam::dictionary Foam::m4gnCheck::jumping() const
 
 void Foam::m4gnCheck::setInterval(dictionary& dict) const
 {
-    if (m4gnRide::has(dict, "linear")) {
-        dict.subDict("linear").set("interval", mesh_.time().deltaTValue());
+    if (m4gnHybridRun::has(dict, "dmd")) {
+        dict.subDict("dmd").set("snapshotInterval", mesh_.time().deltaTValue());
     }
 }
 
@@ -104,15 +105,16 @@ void Foam::m4gnCheck::reportTypes()
     report_.set("types_refused", why);
 }
 
-void Foam::m4gnCheck::made(m4gnRunState* run, const m4gnSolverState& state, const wordList& frozen)
+void Foam::m4gnCheck::made(m4gnState& state, const m4gnCompletion* completion, const wordList& frozen)
 {
-    run_ = run;
+    state_ = completion ? nullptr : &state;
     // States may not be nearer than this
     report_.set("delta_t", mesh_.time().deltaTValue());
-    report_.set("handed_over", texts(run ? run->read() : wordHashSet(state.advanced()).sortedToc()));
-    report_.set("beside", texts(run ? run->beside() : wordList()));
+    report_.set(
+        "handed_over", texts(completion ? wordHashSet(completion->advanced()).sortedToc() : state.read()));
+    report_.set("beside", texts(state.beside()));
     report_.set("frozen", texts(frozen));
-    report_.set("numbers", run ? run->size() : scalar(0));
+    report_.set("numbers", completion ? scalar(0) : state.size());
     reportTypes();
     write();
     made_ = clock_.elapsed();
@@ -127,12 +129,12 @@ void Foam::m4gnCheck::jumped()
 
 void Foam::m4gnCheck::watch()
 {
-    if (!run_) {
+    if (!state_) {
         return;
     }
     const Time& time = mesh_.time();
-    const std::vector<const double*> arrays(run_->gather());
-    const std::vector<m4gn_ride_array>& layout = run_->layout();
+    const std::vector<const double*> arrays(state_->gather());
+    const std::vector<m4gn_array>& layout = state_->arrays();
     const label n = layout.size();
     // The first steps after the jump have something of it
     const label count = after_ - 2;
@@ -144,12 +146,11 @@ void Foam::m4gnCheck::watch()
         began_ = time.value();
     }
     for (label fieldi = 0; count > 0 && fieldi < n; ++fieldi) {
-        const m4gn_ride_array& array = layout[fieldi];
-        // Those that a fit is made of have weights
-        if (!array.weights) {
+        const m4gn_array& array = layout[fieldi];
+        if (array.role != M4GN_SOLVED) {
             continue;
         }
-        const UList<scalar> values(const_cast<scalar*>(arrays[fieldi]), array.n);
+        const UList<scalar> values(const_cast<scalar*>(arrays[fieldi]), array.n * array.components);
         if (count == 1) {
             last_[fieldi] = values;
             mean_[fieldi] = values;

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnJump.H"
-#include "m4gnOthers.H"
+#include "m4gnFunctionObjects.H"
 #include "m4gnOwnFields.H"
 #include "m4gnClock.H"
 #include "m4gnVersion.H"
 #include "functionObjectList.H"
+#include "surfaceFields.H"
 #include "Time.H"
 #include "timeControlFunctionObject.H"
 
@@ -137,12 +138,50 @@ void Foam::m4gnJump::executeOthers(const scalar deltaT) const
 void Foam::m4gnJump::carryOnWriting(Time& time, const scalar from) { clockwork::carryOn(time, from); }
 
 Foam::m4gnJump::m4gnJump(
-    const word& name, const fvMesh& mesh, const dictionary& dict, m4gnRide& ride,
-    PtrList<m4gnSolverState>& states)
-    : mesh_(mesh), time_(const_cast<Time&>(mesh.time())), ride_(ride), states_(states), state_(&states_[0]),
-      name_(name), others_(m4gnOthers::chosen(name, mesh.time(), dict)), stale_(mesh), last_({-1, false, 0})
+    const word& name, const fvMesh& mesh, const dictionary& dict, m4gnHybridRun& run, m4gnState& state,
+    PtrList<m4gnCompletion>& completions)
+    : mesh_(mesh), time_(const_cast<Time&>(mesh.time())), run_(run), state_(state), completions_(completions),
+      completion_(of(0)), name_(name), others_(m4gnFunctionObjects::chosen(name, mesh.time(), dict)),
+      stale_(mesh), last_({-1, false, 0})
 {
-    ride_.checkQuantities(others_);
+    if (mesh_.moving() || mesh_.changing()) {
+        FatalErrorInFunction << "mode replace does not handle a mesh that moves or changes"
+                             << exit(FatalError);
+    }
+    run_.checkQuantities(others_);
+}
+
+void Foam::m4gnJump::advance(const m4gn_ride_answer& answer)
+{
+    if (completion_) {
+        completion_->beforeStride();
+    }
+    clockwork::count(time_, answer.solver_steps);
+    time_.setDeltaT(answer.duration, false);
+    ++time_;
+    if (completion_) {
+        completion_->advance(state_, answer.duration);
+    } else if (answer.whole) {
+        state_.put();
+    } else {
+        FatalErrorInFunction << "The surrogate predicts a part of the state alone, and nothing"
+                             << " makes the others of it" << exit(FatalError);
+    }
+    last_.timeIndex = time_.timeIndex();
+    last_.handedOver = false;
+    clockwork::passed(time_, answer.solver_steps);
+}
+
+Foam::List<Foam::m4gnHybridRun::quantity> Foam::m4gnJump::quantities() const
+{
+    if (completion_) {
+        return completion_->quantities();
+    }
+    const auto* phi = mesh_.findObject<surfaceScalarField>("phi");
+    if (!phi || phi->dimensions() != dimVelocity * dimArea) {
+        return {};
+    }
+    return {m4gnHybridRun::quantity("maxDivAfter", m4gnCompletion::maxDiv(*phi))};
 }
 
 bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFunctionObject& results)
@@ -153,65 +192,70 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
     const word lastSolved(time_.timeName());
 
     {
-        const m4gnOwnFields::heldTimeStep solverStep(mesh_, ride_.fields().names());
+        const m4gnOwnFields::heldTimeStep solverStep(mesh_, state_.fields());
         m4gnClock timer;
         scalar surrogate = 0, handOver = 0;
-        const m4gnReplacer::state before(last_);
-        const label surrogatei = answer.surrogate;
-        state_ = &states_[surrogatei];
+        const m4gnActiveSurrogate::state before(last_);
+        completion_ = of(answer.surrogate);
         last_ = {last_.timeIndex, false, deltaT};
 
         const auto complete = [&](const bool last) {
             timer.increment();
-            state_->complete(deltaT, last);
-            if (ride_.setOldLevels(surrogatei, deltaT)) {
+            if (completion_) {
+                completion_->complete(deltaT, last);
+            } else if (run_.setOldLevels(deltaT)) {
                 clockwork::precede(time_, deltaT);
-            }
-            if (last) {
-                state_->beforeStep(0);
             }
             last_.handedOver = last;
             handOver += timer.increment();
         };
         const auto told = [&]() {
-            ride_.spent(surrogate, handOver);
+            run_.spent(surrogate, handOver);
             surrogate = handOver = 0;
         };
 
         while (answer.action == M4GN_RIDE_STRIDE) {
             timer.increment();
-            state_->beforeStride();
-            answer = ride_.stride(answer, predicted_);
+            answer = run_.stride();
             if (answer.action != M4GN_RIDE_ADVANCE) {
                 break;
             }
-            clockwork::count(time_, answer.solver_steps);
-            state_->advance(predicted_, answer.duration);
-            last_.timeIndex = time_.timeIndex();
-            last_.handedOver = false;
-            clockwork::passed(time_, answer.solver_steps);
+            advance(answer);
             surrogate += timer.increment();
 
-            answer = ride_.advanced();
+            const bool forModel = completion_ && completion_->completeForModel();
+            if (forModel) {
+                complete(!answer.strides);
+            }
+            answer = run_.advanced(answer);
+            surrogate += timer.increment();
             // Strides that are left: the run is stopped, and one that is
             // carried on takes them
             const bool last = answer.action == M4GN_RIDE_HAND_BACK && !answer.strides;
 
-            if (last || state_->completeEach() || time_.writeTime()
-                || (answer.last_but_one && state_->completeLastTwo())
-                || (others_.size() && state_->completeForOthers()))
-            {
+            const bool seen =
+                time_.writeTime()
+                || (completion_
+                    && (completion_->completeEach() || (answer.last_but_one && completion_->completeLastTwo())
+                        || (others_.size() && completion_->completeForOthers())));
+            if (forModel ? last && !last_.handedOver : last || seen) {
                 complete(last);
             }
 
-            stale_.write(*state_, lastSolved);
+            stale_.write(advanced(), lastSolved, [&] {
+                if (completion_) {
+                    completion_->write();
+                } else {
+                    time_.write();
+                }
+            });
             executeOthers(deltaT);
-            ride_.reported(results);
+            run_.reported(results);
 
             if (time_.writeTime()) {
                 told();
                 writeProperties(time_);
-                ride_.save();
+                run_.save();
             }
         }
 
@@ -239,6 +283,6 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
         time_.setEndTime(time_.value() + deltaT);
     }
 
-    ride_.handedBack(answer, state_->quantities());
+    run_.handedBack(answer, quantities());
     return true;
 }

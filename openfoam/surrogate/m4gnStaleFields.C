@@ -2,7 +2,6 @@
 
 #include "m4gnStaleFields.H"
 #include "m4gnDictionary.H"
-#include "m4gnSolverState.H"
 #include "m4gnStaleNote.H"
 #include "Time.H"
 #include "IOdictionary.H"
@@ -52,9 +51,9 @@ bool Foam::m4gnStaleFields::stale(const regIOobject& object) const
            && !derived_.found(word(name, false));
 }
 
-Foam::wordList Foam::m4gnStaleFields::names(const m4gnSolverState& state)
+Foam::wordList Foam::m4gnStaleFields::names(const wordList& advanced)
 {
-    advanced_ = wordHashSet(state.advanced());
+    advanced_ = wordHashSet(advanced);
     derive();
 
     DynamicList<word> found;
@@ -66,9 +65,10 @@ Foam::wordList Foam::m4gnStaleFields::names(const m4gnSolverState& state)
     return wordList(found);
 }
 
-void Foam::m4gnStaleFields::write(const m4gnSolverState& state, const word& since)
+void Foam::m4gnStaleFields::write(
+    const wordList& advanced, const word& since, const std::function<void()>& writeState)
 {
-    const wordList marked(names(state));
+    const wordList marked(names(advanced));
 
     if (!mesh_.time().writeTime()) {
         return;
@@ -88,7 +88,7 @@ void Foam::m4gnStaleFields::write(const m4gnSolverState& state, const word& sinc
         said_ = true;
     }
 
-    state.write();
+    writeState();
 
     forAll(marked, i) {
         mesh_.lookupObjectRef<regIOobject>(marked[i]).note() = notes[i];

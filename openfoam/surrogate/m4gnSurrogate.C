@@ -2,15 +2,14 @@
 
 #include "m4gnSurrogate.H"
 #include "addToRunTimeSelectionTable.H"
+#include "m4gnCaseChecks.H"
 #include "m4gnCheck.H"
-#include "m4gnContactProjection.H"
 #include "m4gnDictionary.H"
 #include "m4gnElasticSmoothing.H"
 #include "m4gnFluxProjection.H"
+#include "m4gnFunctionObjects.H"
+#include "m4gnHybridRun.H"
 #include "m4gnJump.H"
-#include "m4gnOthers.H"
-#include "m4gnRide.H"
-#include "m4gnRun.H"
 #include "m4gnSettling.H"
 #include "m4gnVersion.H"
 #include "Time.H"
@@ -26,12 +25,13 @@ addToRunTimeSelectionTable(functionObject, m4gnSurrogate, dictionary);
 
 bool Foam::functionObjects::m4gnSurrogate::jumping_ = false;
 
-//- Property that is kept for a restart: the time that write times count from
-static const Foam::word writesFrom("writesFrom");
+//- Properties that are kept for a restart: the time that write times count from, and the solver's time step (s) within a jump,
+//  in which Time has that of the surrogate; 0: outside of one
+static const Foam::word writesFrom("writesFrom"), solverDeltaT("solverDeltaT");
 
 void Foam::functionObjects::m4gnSurrogate::checkOthers() const
 {
-    const word other(m4gnReplacer::before(replaces_ ? VGREAT : timeEnd_, this));
+    const word other(m4gnActiveSurrogate::before(replaces_ ? VGREAT : timeEnd_, this));
 
     if (other.size() && replaces_) {
         FatalErrorInFunction << "Both function objects " << name() << " and " << other
@@ -51,7 +51,7 @@ void Foam::functionObjects::m4gnSurrogate::checkOthers() const
 
 void Foam::functionObjects::m4gnSurrogate::load()
 {
-    if (ride_) {
+    if (run_) {
         return;
     }
 
@@ -59,39 +59,40 @@ void Foam::functionObjects::m4gnSurrogate::load()
     if (check_) {
         check_->setInterval(dict_);
     }
-    m4gnRunState* run = nullptr;
-    const wordList kinds(m4gnRide::kinds(dict_));
-    states_.resize(kinds.size());
+    const wordList kinds(m4gnHybridRun::kinds(dict_));
+    completions_.resize(kinds.size());
+    bool fitted = false;
     forAll(kinds, i) {
-        if (kinds[i] == "linear") {
-            run = new m4gnRunState(mesh_);
-            states_.set(i, run);
+        if (kinds[i] != "network") {
+            fitted = true;
             continue;
         }
         session_.reset(new m4gnSession(mesh_, dict_, ownKeys_));
         if (replaces_) {
-            states_.set(i, m4gnSolverState::New(mesh_, dict_, *session_));
+            completions_.set(i, m4gnCompletion::New(mesh_, dict_, *session_));
         }
     }
-    ride_.reset(new m4gnRide(name(), mesh_, dict_, session_.get(), run));
+    if (session_) {
+        state_.reset(new m4gnState(
+            mesh_, fitted, !replaces_, &session_->nodes(), session_->inputs(), session_->outputs()));
+    } else {
+        state_.reset(new m4gnState(mesh_, fitted, !replaces_));
+    }
+    run_.reset(new m4gnHybridRun(name(), mesh_, dict_, session_.get(), *state_));
     if (replaces_) {
-        jump_.reset(new m4gnJump(name(), mesh_, dict_, *ride_, states_));
+        jump_.reset(new m4gnJump(name(), mesh_, dict_, *run_, *state_, completions_));
         setProperty(writesFrom, time_.startTime().value());
     }
     if (check_) {
-        check_->made(run, states_.first(), jump_->frozen());
+        check_->made(*state_, completions_.set(0) ? &completions_[0] : nullptr, jump_->frozen());
     }
 }
 
 void Foam::functionObjects::m4gnSurrogate::follow(const m4gn_ride_answer& answer)
 {
-    if (jump_ && answer.since >= 0) {
-        jump_->solved(answer.since);
-    }
-
-    pending_ = answer.action == M4GN_RIDE_DECIDE      ? ride_->decide(answer)
-               : answer.action == M4GN_RIDE_HAND_BACK ? ride_->handedBack(answer, List<m4gnRide::quantity>())
-                                                      : answer;
+    pending_ = answer.action == M4GN_RIDE_HAND_BACK
+                   ? run_->handedBack(answer, List<m4gnHybridRun::quantity>())
+                   : answer;
 }
 
 void Foam::functionObjects::m4gnSurrogate::jump()
@@ -101,7 +102,9 @@ void Foam::functionObjects::m4gnSurrogate::jump()
     }
 
     jumping_ = true;
+    setProperty(solverDeltaT, time_.deltaTValue());
     const bool jumped = jump_->run(pending_, *this);
+    setProperty(solverDeltaT, scalar(0));
     jumping_ = false;
     if (jumped && check_) {
         check_->jumped();
@@ -111,10 +114,10 @@ void Foam::functionObjects::m4gnSurrogate::jump()
 
 void Foam::functionObjects::m4gnSurrogate::resume()
 {
-    if (!m4gnRide::stored(name(), time_)) {
+    if (!m4gnHybridRun::stored(name(), time_)) {
         word last;
         for (const instant& at : time_.times()) {
-            const fileName file(m4gnRide::stateFile(name(), time_, at.name()));
+            const fileName file(m4gnHybridRun::stateFile(name(), time_, at.name()));
             if (replaces_ && Pstream::master() && at.value() < time_.value() && isFile(file)) {
                 last = at.name();
             }
@@ -131,7 +134,7 @@ void Foam::functionObjects::m4gnSurrogate::resume()
 
     // Where a type was told by the flow, it stays that of the run's start
     dictionary types(dict_.subOrEmptyDict("nodeTypes"));
-    for (const entry& stored : m4gnRide::storedTypes(name(), time_)) {
+    for (const entry& stored : m4gnHybridRun::storedTypes(name(), time_)) {
         if (!types.found(stored.keyword(), keyType::REGEX)) {
             types.add(stored);
         }
@@ -141,13 +144,25 @@ void Foam::functionObjects::m4gnSurrogate::resume()
     getProperty(writesFrom, from);
     load();
 
-    m4gn_ride_answer answer{};
-    if (!ride_->load(answer)) {
-        return;
+    // The surrogate goes on from what it has predicted
+    bool restored = false;
+    forAll(completions_, i) {
+        restored = (completions_.set(i) && completions_[i].beforeStride()) || restored;
     }
-    if (answer.delta_t > 0 && time_.isAdjustTimeStep()) {
+    scalar deltaT = 0;
+    getProperty(solverDeltaT, deltaT);
+    if (deltaT > 0 && time_.isAdjustTimeStep()) {
         // Time was written with the surrogate's
-        const_cast<Time&>(time_).setDeltaT(answer.delta_t, false);
+        const_cast<Time&>(time_).setDeltaT(deltaT, false);
+    }
+    m4gn_ride_answer answer{};
+    if (!run_->load(answer)) {
+        forAll(completions_, i) {
+            if (restored && completions_.set(i)) {
+                completions_[i].complete(time_.deltaTValue(), true);
+            }
+        }
+        return;
     }
     if (replaces_) {
         m4gnJump::carryOnWriting(const_cast<Time&>(time_), from);
@@ -159,16 +174,16 @@ void Foam::functionObjects::m4gnSurrogate::resume()
 
 Foam::functionObjects::m4gnSurrogate::m4gnSurrogate(
     const word& name, const Time& runTime, const dictionary& dict)
-    : fvMeshFunctionObject(name, runTime, dict), m4gnReplacer(name), replaces_(false), timeStart_(-VGREAT),
-      timeEnd_(VGREAT), executed_(runTime.startTimeIndex()), started_(false), pending_()
+    : fvMeshFunctionObject(name, runTime, dict), m4gnActiveSurrogate(name), replaces_(false),
+      timeStart_(-VGREAT), timeEnd_(VGREAT), executed_(runTime.startTimeIndex()), started_(false), pending_()
 {
     read(dict);
 
     // The dictionary is that of Foam::functionObjects::timeControl, which
     // reads it when this object is made, and then executes and ends it from
-    // timeStart to timeEnd alone. The model learns and is measured before,
-    // the state of the run is written always, and the totals are told at its
-    // end: both are heeded by the ride.
+    // timeStart to timeEnd alone. The model is measured before, the state of
+    // the run is written always, and the totals are told at its end: both are
+    // heeded by the ride.
     const_cast<dictionary&>(dict).remove("timeStart");
     const_cast<dictionary&>(dict).remove("timeEnd");
 }
@@ -180,7 +195,7 @@ Foam::scalar Foam::functionObjects::m4gnSurrogate::replacesFrom() const
     return replaces_ ? timeStart_ : VGREAT;
 }
 
-Foam::m4gnReplacer::state Foam::functionObjects::m4gnSurrogate::lastState(const fvMesh& mesh) const
+Foam::m4gnActiveSurrogate::state Foam::functionObjects::m4gnSurrogate::lastState(const fvMesh& mesh) const
 {
     if (&mesh != &mesh_ || !jump_) {
         return {-1, false, 0};
@@ -191,7 +206,7 @@ Foam::m4gnReplacer::state Foam::functionObjects::m4gnSurrogate::lastState(const 
 
 bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 {
-    if (ride_) {
+    if (run_) {
         Log << type() << ' ' << name() << ": goes on as it was begun; changes"
             << " to the dictionary take effect in the next run" << endl;
         return true;
@@ -208,13 +223,13 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     fvMeshFunctionObject::read(dict);
     m4gn::checkStatic(mesh_, dict);
 
-    ownKeys_ = m4gnRide::keys();
-    ownKeys_.append(wordList({"phi", "state", "frozen", "executeOthers", "writeToFile", "useUserTime"}));
-    ownKeys_.append(m4gnSolverState::keys(dict));
-    m4gn::checkDictionaries(dict, {"nodeTypes", "segments", "projection", "adapt", "control", "linear"});
-    m4gnOthers::checkDictionary(dict);
-    m4gnRide::checkDictionary(dict);
-    if (m4gnRide::has(dict, "network")) {
+    ownKeys_ = m4gnHybridRun::keys();
+    ownKeys_.append(wordList({"phi", "state", "executeOthers", "writeToFile", "useUserTime"}));
+    ownKeys_.append(m4gnCompletion::keys(dict));
+    m4gn::checkDictionaries(dict, {"nodeTypes", "segments", "projection", "control", "dmd"});
+    m4gnFunctionObjects::checkDictionary(dict);
+    m4gnHybridRun::checkDictionary(dict);
+    if (m4gnHybridRun::has(dict, "network")) {
         m4gnSession::checkDictionary(dict, time_.globalPath(), ownKeys_);
     }
     replaces_ = dict.get<word>("mode") == "replace";
@@ -223,7 +238,6 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
         const m4gnFluxProjection checked(mesh_, dict);
         m4gnElasticSmoothing::checkDictionary(dict);
         m4gnSettling::checkDictionary(dict);
-        m4gnContactProjection::checkDictionary(dict);
     } else if (m4gnNodes::atPoints(dict)) {
         FatalIOErrorInFunction(dict) << "Entry location is points, which is for mode replace; mode"
                                      << " observe works with fields of cells" << exit(FatalIOError);
@@ -252,18 +266,18 @@ bool Foam::functionObjects::m4gnSurrogate::execute()
         return true;
     }
 
-    if (!ride_ && time_.value() > timeEnd_ + 0.5 * time_.deltaTValue()) {
+    if (!run_ && time_.value() > timeEnd_ + 0.5 * time_.deltaTValue()) {
         return true;
     }
 
     // What does not fit is said now, and not after the hours to timeStart
     load();
 
-    const m4gn_ride_answer answer = ride_->solved();
+    const m4gn_ride_answer answer = run_->solved();
 
     // What a run that is carried on from here begins with
     if (time_.writeTime()) {
-        ride_->save();
+        run_->save();
     }
 
     follow(answer);
@@ -288,8 +302,8 @@ bool Foam::functionObjects::m4gnSurrogate::filesModified() const
     }
 
     // All function objects have seen the solver's step
-    if (ride_ && time_.timeIndex() != time_.startTimeIndex()) {
-        own.ride_->reported(*this);
+    if (run_ && time_.timeIndex() != time_.startTimeIndex()) {
+        own.run_->reported(*this);
     }
     own.jump();
     own.executed_ = time_.timeIndex();
@@ -301,8 +315,8 @@ bool Foam::functionObjects::m4gnSurrogate::write() { return true; }
 
 bool Foam::functionObjects::m4gnSurrogate::end()
 {
-    if (ride_) {
-        ride_->end();
+    if (run_) {
+        run_->end();
     }
     if (check_) {
         check_->write();

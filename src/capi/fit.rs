@@ -1,12 +1,12 @@
 //! Exports: whether what a mesh has stored fits the segments of a model.
 
-use super::door;
+use super::guard;
 use super::model::ModelHandle;
-use super::raw::{self, MeshData};
+use super::pointers::{self, MeshData};
 use super::segments::{Asked, Request};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_parallel::Comm;
 use m4gn_structure as segments;
 use std::ffi::c_char;
 
@@ -28,10 +28,10 @@ unsafe fn misfit<P>(
         let places = places?;
         // SAFETY: passed on to the caller.
         unsafe {
-            let mesh = raw::mesh(raw::reference("mesh", mesh)?)?;
-            let model = raw::optional_reference("model", model)?;
+            let mesh = pointers::mesh(pointers::reference("mesh", mesh)?)?;
+            let model = pointers::optional_reference("model", model)?;
             let request = Request::read(options, cell_segment, mesh.n_cells())?;
-            let record = raw::optional_text("record", record)?.unwrap_or("").to_owned();
+            let record = pointers::optional_text("record", record)?.unwrap_or("").to_owned();
             if request.labels.is_none() {
                 return Err(Error::Input("cell_segment: expected labels, found a null pointer".into()));
             }
@@ -39,7 +39,7 @@ unsafe fn misfit<P>(
             Ok(((places, (mesh, model, request), record), same))
         }
     };
-    door::together("m4gn_segments_fit", &comm, read, |(places, (mesh, model, request), record)| {
+    guard::together("m4gn_segments_fit", &comm, read, |(places, (mesh, model, request), record)| {
         Ok((compare(&comm, &mesh, model, &request, record)?, places))
     })
 }
@@ -80,14 +80,14 @@ exports! {
         why_size: i32,
     ) -> i32, or |status| status; {
         let places = || {
-            let size = raw::count("why_size", why_size)?;
+            let size = pointers::count("why_size", why_size)?;
             // SAFETY: the host's places, as the header says.
-            unsafe { Ok((raw::reference_mut("fit", fit)?, raw::slice_mut("why", why, size)?)) }
+            unsafe { Ok((pointers::reference_mut("fit", fit)?, pointers::slice_mut("why", why, size)?)) }
         };
         // SAFETY: the host's pointers, as the header says.
         let (found, (fit, why)) = unsafe { misfit(comm, places(), mesh, model, (options, cell_segment), record)? };
         *fit = i32::from(found.is_none());
-        raw::put_text(&found.unwrap_or_default(), why);
+        pointers::put_text(&found.unwrap_or_default(), why);
         Ok(0)
     }
 }

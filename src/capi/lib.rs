@@ -1,42 +1,42 @@
-//! The C ABI, `include/m4gn.h`: the only exported symbols of `libm4gn.so`.
+//! The C ABI, `cpp/include/m4gn.h`: the only exported symbols of `libm4gn.so`.
 //!
-//! Every export goes through one guarded door ([`door`]): floating-point traps are off inside, panics stop, and an
+//! Every export goes through one guard ([`guard`]): floating-point traps are off inside, panics stop, and an
 //! error becomes a status with its message kept for `m4gn_last_error`. What a pointer must be is said in the header;
-//! here it is checked as far as it can be ([`raw`]), and the ranks agree before anything collective begins.
+//! here it is checked as far as it can be ([`pointers`]), and the ranks agree before anything collective begins.
 #![allow(unsafe_code)]
 
 #[macro_use]
-mod door;
-mod fields;
+mod guard;
 mod fit;
-mod linear;
 mod model;
 mod modes;
 mod options;
-mod own;
-mod raw;
+mod pointers;
 mod recorder;
 mod ride;
 mod segments;
 mod session;
 mod solids;
+mod state;
+mod user_surrogate;
 
 pub use fit::*;
-pub use linear::ArrayData;
 pub use model::*;
 pub use modes::*;
-pub use own::SurrogateData;
-pub use raw::{FieldData, FieldOut, MeshData, SolidData};
+pub use options::tables;
+pub use pointers::{MeshData, SolidData};
 pub use recorder::*;
 pub use ride::*;
 pub use segments::*;
 pub use session::*;
 pub use solids::*;
+pub use state::{AheadFunction, ArrayData};
+pub use user_surrogate::SurrogateData;
 
 use std::ffi::c_char;
 
 /// `M4GN_ABI_VERSION`
-pub const ABI_VERSION: i32 = 14;
+pub const ABI_VERSION: i32 = 15;
 
 /// Version of this interface.
 #[unsafe(no_mangle)]
@@ -54,13 +54,13 @@ pub extern "C" fn m4gn_version() -> *const c_char {
 /// Message of the last failed call on this thread, or an empty string.
 #[unsafe(no_mangle)]
 pub extern "C" fn m4gn_last_error() -> *const c_char {
-    door::last_error()
+    guard::last_error()
 }
 
 exports! {
     /// Ends MPI and PETSc if they were started here.
     fn m4gn_finalize() -> (), or |_| (); {
-        m4gn_mesh::parallel::finalize();
+        m4gn_parallel::finalize();
         Ok(())
     }
 }

@@ -1,10 +1,10 @@
 //! Exports: a model that is read once, for all that a host makes of it.
 
-use super::door;
-use super::raw;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use super::guard;
+use super::pointers;
+use m4gn_base::{Error, Result};
 use m4gn_model::{ModalOperator, Model};
+use m4gn_parallel::Comm;
 use m4gn_step::read_model;
 use std::ffi::c_char;
 use std::hash::{DefaultHasher, Hasher};
@@ -30,9 +30,9 @@ fn open(comm: i32, place: Result<()>, path: Result<PathBuf>) -> Result<ModelHand
     let comm = Comm::from_fortran(comm)?;
     let read = || {
         place?;
-        path.map(|path| (path.clone(), format!("path {}", door::file_name(&path))))
+        path.map(|path| (path.clone(), format!("path {}", guard::file_name(&path))))
     };
-    door::together("m4gn_model_open", &comm, read, |path| {
+    guard::together("m4gn_model_open", &comm, read, |path| {
         let model = read_model(&comm, &path)?;
         let mut hasher = DefaultHasher::new();
         hasher.write(&comm.agree(model.to_bytes())?);
@@ -56,8 +56,8 @@ exports! {
     fn m4gn_model_open(comm: i32, path: *const c_char, model: *mut *mut ModelHandle) -> i32, or |status| status; {
         // SAFETY: the host's string and place, or null.
         unsafe {
-            let path = raw::text("path", path).map(PathBuf::from);
-            door::create(raw::reference_mut("model", model), |place| open(comm, place, path))
+            let path = pointers::text("path", path).map(PathBuf::from);
+            guard::create(pointers::reference_mut("model", model), |place| open(comm, place, path))
         }
     }
 
@@ -73,6 +73,6 @@ exports! {
     /// Elastic modes that the mesh must have for a model; -1 for null.
     fn m4gn_model_elastic_modes(model: *const ModelHandle) -> i32, or |_| -1; {
         // SAFETY: a model of ours, or null.
-        elastic_modes(&unsafe { raw::reference("model", model)? }.model)
+        elastic_modes(&unsafe { pointers::reference("model", model)? }.model)
     }
 }

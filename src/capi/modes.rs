@@ -1,14 +1,14 @@
 //! Exports: modes of a host's own pair of matrices.
 
-use super::door;
-use super::raw;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use super::guard;
+use super::pointers;
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
+use m4gn_model::SegmentSpec;
 use m4gn_model::modal::{ModalOptions, ModalSolver, Modes};
-use m4gn_model::{SegmentSpec, settings};
 use m4gn_modes as modes;
 use m4gn_modes::{Mass, Problem, Rows};
-use serde::{Deserialize, Serialize};
+use m4gn_parallel::Comm;
 use std::ffi::c_char;
 
 /// `m4gn_csr`
@@ -22,24 +22,17 @@ pub struct CsrData {
     pub value: *const f64,
 }
 
-/// What is asked for, of a host's own matrices or of an elastic body.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct ModesOptions {
-    /// How many modes.
-    modes: usize,
-    /// The way to them.
-    modal_solver: ModalSolver,
-    /// Unknowns a point.
-    block: usize,
-    /// A number a little below the eigenvalues wanted; none: estimated.
-    shift: Option<f64>,
-}
-
-impl Default for ModesOptions {
-    fn default() -> Self {
-        let SegmentSpec { modes, modal_solver, .. } = SegmentSpec::default();
-        ModesOptions { modes, modal_solver, block: 1, shift: None }
+settings! {
+    /// What is asked for, of a host's own matrices or of an elastic body.
+    pub(super) struct ModesOptions in "modes" {
+        /// Number of modes; repeated eigenvalues are taken whole, so there may be more.
+        modes: usize = SegmentSpec::default().modes;
+        /// The way to the modes: `auto` (by size), `direct` (factorisation) or `iterative` (multigrid).
+        modal_solver: ModalSolver = ModalSolver::default();
+        /// Unknowns a point, in consecutive rows.
+        block: usize = 1;
+        /// A number a little below the eigenvalues that are wanted.
+        shift: Option<f64> = None, "estimated";
     }
 }
 
@@ -53,10 +46,10 @@ impl CsrData {
     /// # Safety
     /// Pointers must be what `m4gn.h` says.
     unsafe fn read(&self, name: &str) -> Result<Rows> {
-        let n = raw::count(name, self.n_rows)?;
+        let n = pointers::count(name, self.n_rows)?;
         let what = |part: &str| format!("{name}, {part}");
         // SAFETY: passed on to the caller.
-        let offsets = unsafe { raw::slice(&what("row"), self.row, n + 1)? };
+        let offsets = unsafe { pointers::slice(&what("row"), self.row, n + 1)? };
         let row = offsets.iter().map(|&r| usize::try_from(r)).collect::<std::result::Result<Vec<_>, _>>();
         let row = row.map_err(|_| Error::Input(format!("{}: an offset is negative", what("row"))))?;
         let entries = row.last().copied().unwrap_or(0);
@@ -64,8 +57,8 @@ impl CsrData {
         unsafe {
             Ok(Rows {
                 row,
-                column: raw::slice(&what("column"), self.column, entries)?.to_vec(),
-                value: raw::slice(&what("value"), self.value, entries)?.to_vec(),
+                column: pointers::slice(&what("column"), self.column, entries)?.to_vec(),
+                value: pointers::slice(&what("value"), self.value, entries)?.to_vec(),
             })
         }
     }
@@ -106,15 +99,15 @@ unsafe fn read(
 ) -> Result<Problem> {
     // SAFETY: passed on to the caller.
     unsafe {
-        let stiffness = raw::reference("stiffness", stiffness)?.read("stiffness")?;
+        let stiffness = pointers::reference("stiffness", stiffness)?.read("stiffness")?;
         let mass = match mass.is_null() {
             true => Mass::Diagonal(vec![1.0; stiffness.n()]),
-            false => Mass::Matrix(raw::reference("mass", mass)?.read("mass")?),
+            false => Mass::Matrix(pointers::reference("mass", mass)?.read("mass")?),
         };
         let points = stiffness.n() / options.block.max(1);
         let positions = match positions.is_null() {
             true => Vec::new(),
-            false => raw::vectors("positions", positions, points)?.to_vec(),
+            false => pointers::vectors("positions", positions, points)?.to_vec(),
         };
         Ok(Problem { stiffness, mass, block: options.block, positions, shift: options.shift })
     }
@@ -134,13 +127,13 @@ unsafe fn new(
         place?;
         // SAFETY: passed on to the caller.
         unsafe {
-            let options = ModesOptions::parse(raw::options(options)?)?;
+            let options = ModesOptions::parse(pointers::options(options)?)?;
             let problem = read(stiffness, mass, positions, &options)?;
             let same = format!("mass {}\n{}", !mass.is_null(), settings::lines(&options)?);
             Ok(((problem, options.modal()), same))
         }
     };
-    door::together("m4gn_modes_new", &comm, read, |(mut problem, options)| {
+    guard::together("m4gn_modes_new", &comm, read, |(mut problem, options)| {
         problem.simplify(&comm);
         Ok(ModesHandle { modes: modes::solve(&problem, &comm, &options)?, n_rows: problem.stiffness.n() })
     })
@@ -158,7 +151,7 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
-            door::create(raw::reference_mut("modes", modes), |place| {
+            guard::create(pointers::reference_mut("modes", modes), |place| {
                 new(comm, place, (stiffness, mass), options, positions)
             })
         }
@@ -176,15 +169,15 @@ exports! {
     /// Modes found; -1 for null.
     fn m4gn_modes_count(modes: *const ModesHandle) -> i32, or |_| -1; {
         // SAFETY: modes of ours, or null.
-        Ok(unsafe { raw::reference("modes", modes)? }.modes.eigenvalues.len() as i32)
+        Ok(unsafe { pointers::reference("modes", modes)? }.modes.eigenvalues.len() as i32)
     }
 
     /// Eigenvalues, ascending.
     fn m4gn_modes_eigenvalues(modes: *const ModesHandle, eigenvalues: *mut f64) -> i32, or |s| s; {
         // SAFETY: modes of ours and the host's array of their count, or null.
         unsafe {
-            let found = &raw::reference("modes", modes)?.modes.eigenvalues;
-            raw::slice_mut("eigenvalues", eigenvalues, found.len())?.copy_from_slice(found);
+            let found = &pointers::reference("modes", modes)?.modes.eigenvalues;
+            pointers::slice_mut("eigenvalues", eigenvalues, found.len())?.copy_from_slice(found);
         }
         Ok(0)
     }
@@ -193,8 +186,8 @@ exports! {
     fn m4gn_modes_vector(modes: *const ModesHandle, index: i32, vector: *mut f64) -> i32, or |s| s; {
         // SAFETY: modes of ours and the host's array of n_rows, or null.
         let (handle, out) = unsafe {
-            let handle = raw::reference("modes", modes)?;
-            (handle, raw::slice_mut("vector", vector, handle.n_rows)?)
+            let handle = pointers::reference("modes", modes)?;
+            (handle, pointers::slice_mut("vector", vector, handle.n_rows)?)
         };
         let vectors = &handle.modes.vectors;
         let found = usize::try_from(index).ok().and_then(|i| vectors.get(i)).ok_or_else(|| {

@@ -1,11 +1,14 @@
 //! Export: the check of settings before they are used.
 
 use super::modes::ModesOptions;
-use super::raw;
+use super::pointers;
 use super::recorder::RecorderOptions;
-use super::ride;
 use super::segments::Request;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::settings::table::Table;
+use m4gn_base::{Error, Result};
+use m4gn_model::SegmentSpec;
+use m4gn_ride::control::ControlSettings;
+use m4gn_ride::{DmdSettings, QuantitySettings, RideSettings};
 use m4gn_step::SessionOptions;
 use std::ffi::c_char;
 
@@ -17,18 +20,33 @@ fn check(kind: &str, options: &str) -> Result<()> {
         "modes" => ModesOptions::parse(options).map(|_| ()),
         "solid_modes" => ModesOptions::of_body(options).map(|_| ()),
         "recorder" => RecorderOptions::parse(options).map(|_| ()),
-        "ride" => ride::settings(options).map(|_| ()),
+        "ride" => RideSettings::parse(options).map(|_| ()),
         _ => Err(Error::Input(format!(
             "kind of options '{kind}': expected session, segments, modes, solid_modes, recorder or ride"
         ))),
     }
 }
 
+/// The entries of all settings.
+pub fn tables() -> Vec<Table> {
+    vec![
+        SegmentSpec::table(),
+        SessionOptions::table(),
+        RideSettings::table(),
+        ControlSettings::table(),
+        QuantitySettings::table(),
+        DmdSettings::table(),
+        Request::table(),
+        ModesOptions::table(),
+        RecorderOptions::table(),
+    ]
+}
+
 exports! {
     /// Whether settings are valid, as far as they can be without a mesh, a model or other ranks.
     fn m4gn_options_check(kind: *const c_char, options: *const c_char) -> i32, or |status| status; {
         // SAFETY: the host's strings, or null.
-        let (kind, options) = unsafe { (raw::text("kind", kind)?, raw::options(options)?) };
+        let (kind, options) = unsafe { (pointers::text("kind", kind)?, pointers::options(options)?) };
         check(kind, options).map(|()| 0)
     }
 }
@@ -41,7 +59,6 @@ mod tests {
     fn each_kind_has_its_own_settings() {
         for (kind, good, bad, message) in [
             ("session", r#"{"nThreads": 2}"#, r#"{"n_threads": 0}"#, "n_threads: expected 1 to"),
-            ("session", "{}", r#"{"projection": {"radius": 0}}"#, "radius 0"),
             ("session", "{}", r#"{"backend": "abacus"}"#, "backend: backend 'abacus': expected native"),
             (
                 "segments",
@@ -51,12 +68,6 @@ mod tests {
             ),
             ("modes", r#"{"block": 2}"#, r#"{"block": -1}"#, "block: expected a whole number"),
             ("solid_modes", r#"{"modes": 2}"#, r#"{"block": 2}"#, "block and shift are for matrices"),
-            (
-                "ride",
-                r#"{"mode": "observe", "adapt": {"mode": "off"}}"#,
-                r#"{"mode": "observe", "adapt": {"steps": 0}}"#,
-                "steps",
-            ),
             (
                 "ride",
                 r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4}"#,
@@ -69,7 +80,7 @@ mod tests {
                 r#"{"path": "a", "split": "tset"}"#,
                 "is test meant",
             ),
-            ("recorder", r#"{"path": "a", "provenance": {"aB": 1}}"#, "{}", "path: expected"),
+            ("recorder", r#"{"path": "a", "provenance": {"aB": 1}}"#, "{}", "missing field path"),
             (
                 "recorder",
                 r#"{"path": "a"}"#,

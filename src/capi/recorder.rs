@@ -1,50 +1,28 @@
 //! Exports: the recorder.
 
-use super::door;
-use super::fields::read_fields;
-use super::raw::{self, FieldData, MeshData};
+use super::guard;
+use super::pointers::{self, MeshData};
+use super::session::FieldInfo;
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
 use m4gn_data::{FieldMeta, FieldValues, Recorder, Split, WriteOptions};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
-use m4gn_model::settings;
-use serde::{Deserialize, Serialize};
+use m4gn_parallel::Comm;
 use serde_json::{Map, Value};
 use std::ffi::c_char;
 use std::path::PathBuf;
 
-/// `m4gn_recorder_field`
-#[repr(C)]
-#[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)]
-pub struct RecorderField {
-    pub name: *const c_char,
-    pub components: i32,
-    pub dimensions: [i32; 7],
-}
-
-/// What the host asks for, beside the fields.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct RecorderOptions {
-    /// Final name of the file.
-    path: PathBuf,
-    /// Application, case, ...: kept as it is.
-    provenance: Map<String, Value>,
-    /// What the trajectory is for.
-    split: Split,
-    /// Whether an existing file is replaced.
-    overwrite: bool,
-}
-
-impl Default for RecorderOptions {
-    fn default() -> Self {
-        RecorderOptions {
-            path: PathBuf::new(),
-            provenance: Map::new(),
-            split: Split::Train,
-            overwrite: false,
-        }
+settings! {
+    /// What the host asks for, beside the fields.
+    pub(super) struct RecorderOptions in "recorder" {
+        /// Final name of the HDF5 file; written beside it first, renamed when whole.
+        path: PathBuf;
+        /// What the trajectory is for: `train`, `valid` or `test`.
+        split: Split = Split::Train;
+        /// Whether an existing file is replaced; else it is an error.
+        overwrite: bool = false;
+        /// Entries that are kept with the data, such as application and case (dictionary); those of the first rank count.
+        provenance: Map<String, Value> = Map::new(), "none";
     }
 }
 
@@ -54,6 +32,7 @@ pub struct RecorderHandle {
     recorder: Recorder,
     n_cells: usize,
     n_boundary: usize,
+    fields: Vec<FieldMeta>,
     /// Set while a call runs: one that panicked leaves it, and the handle may only be freed.
     broken: bool,
 }
@@ -65,15 +44,15 @@ unsafe fn new(
     place: Result<()>,
     mesh: *const MeshData,
     options: *const c_char,
-    fields: (*const RecorderField, i32),
+    fields: (*const FieldInfo, i32),
 ) -> Result<RecorderHandle> {
     let comm = Comm::from_fortran(comm)?;
     let read = || -> Result<((Mesh, PathBuf, WriteOptions), String)> {
         place?;
         // SAFETY: passed on to the caller.
         unsafe {
-            let mesh = raw::mesh(raw::reference("mesh", mesh)?)?;
-            let options = RecorderOptions::parse(raw::options(options)?)?;
+            let mesh = pointers::mesh(pointers::reference("mesh", mesh)?)?;
+            let options = RecorderOptions::parse(pointers::options(options)?)?;
             let fields = read_metas(fields)?;
             let same = format!("{}fields {fields:?}\n", options.shared()?);
             let write = WriteOptions {
@@ -85,9 +64,11 @@ unsafe fn new(
             Ok(((mesh, options.path, write), same))
         }
     };
-    door::together("m4gn_recorder_new", &comm, read, |(mesh, path, options)| {
+    guard::together("m4gn_recorder_new", &comm, read, |(mesh, path, options)| {
         mesh.check(&comm)?;
+        let fields = options.fields.clone();
         Ok(RecorderHandle {
+            fields,
             recorder: Recorder::create(&comm, &mesh, &path, &options)?,
             n_cells: mesh.n_cells(),
             n_boundary: mesh.boundary.len(),
@@ -112,7 +93,7 @@ impl RecorderOptions {
     /// What every rank must be given alike: not the folder in which it sees the file, nor what it knows of its own.
     fn shared(&self) -> Result<String> {
         let alike = RecorderOptions {
-            path: door::file_name(&self.path).into(),
+            path: guard::file_name(&self.path).into(),
             provenance: Map::new(),
             ..self.clone()
         };
@@ -122,16 +103,16 @@ impl RecorderOptions {
 
 /// # Safety
 /// Pointers must be what `m4gn.h` says.
-unsafe fn read_metas((fields, n): (*const RecorderField, i32)) -> Result<Vec<FieldMeta>> {
+unsafe fn read_metas((fields, n): (*const FieldInfo, i32)) -> Result<Vec<FieldMeta>> {
     // SAFETY: passed on to the caller.
-    let fields = unsafe { raw::slice("fields", fields, raw::count("n_fields", n)?)? };
+    let fields = unsafe { pointers::slice("fields", fields, pointers::count("n_fields", n)?)? };
     if fields.is_empty() {
         return Err(Error::Input("n_fields: expected at least one field to record".into()));
     }
     let mut list: Vec<FieldMeta> = Vec::with_capacity(fields.len());
     for f in fields {
         // SAFETY: passed on to the caller.
-        let name = unsafe { raw::text("field name", f.name)? };
+        let name = unsafe { pointers::text("field name", f.name)? };
         if list.iter().any(|other| other.name == name) {
             return Err(Error::Input(format!("field '{name}' appears twice")));
         }
@@ -148,6 +129,33 @@ unsafe fn read_metas((fields, n): (*const RecorderField, i32)) -> Result<Vec<Fie
 }
 
 impl RecorderHandle {
+    /// # Safety
+    /// Pointers must be what `m4gn.h` says.
+    unsafe fn values<'a>(
+        fields: &'a [FieldMeta],
+        (n_cells, n_boundary): (usize, usize),
+        cells: *const *const f64,
+        boundary: *const *const f64,
+    ) -> Result<Vec<FieldValues<'a>>> {
+        let n = fields.len();
+        // SAFETY: passed on to the caller.
+        let (cells, boundary) =
+            unsafe { (pointers::slice("cells", cells, n)?, pointers::slice("boundary", boundary, n)?) };
+        let pairs = fields.iter().zip(cells.iter().zip(boundary));
+        let one = |(field, (&cells, &boundary)): (&'a FieldMeta, (&*const f64, &*const f64))| {
+            let components = if field.vector { 3 } else { 1 };
+            // SAFETY: passed on to the caller.
+            let (cells, boundary) = unsafe {
+                (
+                    pointers::slice(&field.name, cells, components * n_cells)?,
+                    pointers::slice(&field.name, boundary, components * n_boundary)?,
+                )
+            };
+            Ok(FieldValues { name: &field.name, components, cells, boundary })
+        };
+        pairs.map(one).collect()
+    }
+
     fn guarded(&mut self, work: impl FnOnce(&mut Self) -> Result<()>) -> Result<i32> {
         let broken = std::mem::replace(&mut self.broken, true);
         let result = self.comm.clone().guarded(|| match broken {
@@ -167,13 +175,13 @@ exports! {
         comm: i32,
         mesh: *const MeshData,
         options: *const c_char,
-        fields: *const RecorderField,
+        fields: *const FieldInfo,
         n_fields: i32,
         recorder: *mut *mut RecorderHandle,
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
-            door::create(raw::reference_mut("recorder", recorder), |place| {
+            guard::create(pointers::reference_mut("recorder", recorder), |place| {
                 new(comm, place, mesh, options, (fields, n_fields))
             })
         }
@@ -183,20 +191,16 @@ exports! {
     fn m4gn_recorder_append(
         recorder: *mut RecorderHandle,
         time: f64,
-        fields: *const FieldData,
-        n_fields: i32,
+        cells: *const *const f64,
+        boundary: *const *const f64,
     ) -> i32, or |status| status; {
         // SAFETY: a recorder of ours, or null.
-        let handle = unsafe { raw::reference_mut("recorder", recorder)? };
+        let handle = unsafe { pointers::reference_mut("recorder", recorder)? };
         handle.guarded(|h| {
+            let sizes = (h.n_cells, h.n_boundary);
             // SAFETY: the host's arrays, as the header says.
-            let values = unsafe { read_fields((fields, n_fields), h.n_cells, h.n_boundary) };
-            let values: Vec<FieldValues> = h
-                .comm
-                .agree_with(values, &format!("call m4gn_recorder_append\ntime {time:?}"))?
-                .iter()
-                .map(|f| FieldValues { name: f.name, components: f.components, cells: f.cells, boundary: f.boundary })
-                .collect();
+            let values = unsafe { RecorderHandle::values(&h.fields, sizes, cells, boundary) };
+            let values = h.comm.agree_with(values, &format!("call m4gn_recorder_append\ntime {time:?}"))?;
             h.recorder.append(time, &values)
         })
     }
@@ -204,13 +208,13 @@ exports! {
     /// Frames so far; -1 for a null recorder.
     fn m4gn_recorder_n_frames(recorder: *const RecorderHandle) -> i64, or |_| -1; {
         // SAFETY: a recorder of ours, or null.
-        Ok(unsafe { raw::reference("recorder", recorder)? }.recorder.n_frames() as i64)
+        Ok(unsafe { pointers::reference("recorder", recorder)? }.recorder.n_frames() as i64)
     }
 
     /// Completes the file.
     fn m4gn_recorder_finish(recorder: *mut RecorderHandle) -> i32, or |status| status; {
         // SAFETY: a recorder of ours, or null.
-        unsafe { raw::reference_mut("recorder", recorder)? }.guarded(|h| h.recorder.finish())
+        unsafe { pointers::reference_mut("recorder", recorder)? }.guarded(|h| h.recorder.finish())
     }
 
     /// Frees a recorder; null is none.

@@ -1,19 +1,19 @@
 //! Exports: segments of a mesh without a model, and their way to ranks.
 
-use super::door;
+use super::guard;
 use super::model::ModelHandle;
-use super::raw::{self, MeshData};
+use super::pointers::{self, MeshData};
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::{ModalSource, Modes};
-use m4gn_model::{SegmentEntries, SegmentSpec, settings};
+use m4gn_model::{SegmentEntries, SegmentSpec};
 use m4gn_modes::Modal;
+use m4gn_parallel::Comm;
 use m4gn_structure as segments;
 use m4gn_structure::Record;
 use m4gn_structure::graph::Graph;
 use m4gn_structure::{Segmentation, ranks};
-use serde::{Deserialize, Serialize};
 use std::ffi::CString;
 use std::ffi::c_char;
 
@@ -34,16 +34,18 @@ pub struct SegmentsHandle {
     record: CString,
 }
 
-/// What the host asks for.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct Request {
-    /// What differs from the model's segmentation, or from the default.
-    pub(super) segments: SegmentEntries,
-    /// Whether modes are computed and kept.
-    with_modes: bool,
-    #[serde(skip)]
-    pub(super) labels: Option<Vec<i32>>,
+settings! {
+    /// What the host asks for.
+    pub(super) struct Request in "segments_request" {
+        /// How the mesh is cut (dictionary): what differs from the model's segmentation, without a model from the defaults.
+        pub(super) segments: SegmentEntries = SegmentEntries::default(), "nothing";
+        /// Whether modes are computed and kept.
+        with_modes: bool = false;
+    }
+    beside {
+        /// Segments computed before; none: they are computed.
+        pub(super) labels: Option<Vec<i32>>;
+    }
 }
 
 impl Request {
@@ -64,8 +66,8 @@ impl Request {
         // SAFETY: passed on to the caller.
         unsafe {
             Ok(Request {
-                labels: raw::labels(cell_segment, n_cells)?,
-                ..Request::parse(raw::options(options)?)?
+                labels: pointers::labels(cell_segment, n_cells)?,
+                ..Request::parse(pointers::options(options)?)?
             })
         }
     }
@@ -103,14 +105,14 @@ unsafe fn new(
         place?;
         // SAFETY: passed on to the caller.
         unsafe {
-            let mesh = raw::mesh(raw::reference("mesh", mesh)?)?;
-            let model = raw::optional_reference("model", model)?;
+            let mesh = pointers::mesh(pointers::reference("mesh", mesh)?)?;
+            let model = pointers::optional_reference("model", model)?;
             let request = Request::read(options, cell_segment, mesh.n_cells())?;
             let same = request.shared(model)?;
             Ok(((mesh, model, request), same))
         }
     };
-    door::together("m4gn_segments_new", &comm, read, |(mesh, model, request)| {
+    guard::together("m4gn_segments_new", &comm, read, |(mesh, model, request)| {
         let spec = comm.agree(request.spec(model))?;
         cut(&comm, &mesh, &spec, &request)
     })
@@ -163,7 +165,7 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
-            door::create(raw::reference_mut("segments", segments), |place| {
+            guard::create(pointers::reference_mut("segments", segments), |place| {
                 new(comm, place, mesh, model, options, cell_segment)
             })
         }
@@ -172,7 +174,7 @@ exports! {
     /// How the segments were computed; null for null.
     fn m4gn_segments_record(segments: *const SegmentsHandle) -> *const c_char, or |_| std::ptr::null(); {
         // SAFETY: segments of ours, or null.
-        Ok(unsafe { raw::reference("segments", segments)? }.record.as_ptr())
+        Ok(unsafe { pointers::reference("segments", segments)? }.record.as_ptr())
     }
 
     /// Frees segments; null is none.
@@ -187,15 +189,15 @@ exports! {
     /// Number of segments; -1 for null.
     fn m4gn_segments_count(segments: *const SegmentsHandle) -> i32, or no_count; {
         // SAFETY: segments of ours, or null.
-        Ok(unsafe { raw::reference("segments", segments)? }.segmentation.count as i32)
+        Ok(unsafe { pointers::reference("segments", segments)? }.segmentation.count as i32)
     }
 
     /// Segment of each cell.
     fn m4gn_segments_cells(segments: *const SegmentsHandle, cell_segment: *mut i32) -> i32, or |s| s; {
         // SAFETY: segments of ours and the host's array of n_cells, or null.
         let (handle, out) = unsafe {
-            let handle = raw::reference("segments", segments)?;
-            (handle, raw::slice_mut("cell_segment", cell_segment, handle.n_cells)?)
+            let handle = pointers::reference("segments", segments)?;
+            (handle, pointers::slice_mut("cell_segment", cell_segment, handle.n_cells)?)
         };
         out.copy_from_slice(&handle.segmentation.node_segment[..handle.n_cells]);
         Ok(0)
@@ -209,9 +211,9 @@ exports! {
     ) -> i32, or |s| s; {
         // SAFETY: segments of ours and the host's arrays of K and K x K, or null.
         let (found, sizes, adjacency) = unsafe {
-            let found = &raw::reference("segments", segments)?.segmentation;
+            let found = &pointers::reference("segments", segments)?.segmentation;
             let k = found.count;
-            (found, raw::slice_mut("sizes", sizes, k)?, raw::slice_mut("adjacency", adjacency, k * k)?)
+            (found, pointers::slice_mut("sizes", sizes, k)?, pointers::slice_mut("adjacency", adjacency, k * k)?)
         };
         sizes.copy_from_slice(&found.sizes);
         adjacency.copy_from_slice(&found.adjacency);
@@ -221,7 +223,7 @@ exports! {
     /// Number of modes; -1 for null.
     fn m4gn_segments_n_modes(segments: *const SegmentsHandle) -> i32, or no_count; {
         // SAFETY: segments of ours, or null.
-        Ok(unsafe { raw::reference("segments", segments)? }.modes.eigenvalues.len() as i32)
+        Ok(unsafe { pointers::reference("segments", segments)? }.modes.eigenvalues.len() as i32)
     }
 
     /// One mode and its eigenvalue.
@@ -233,8 +235,8 @@ exports! {
     ) -> i32, or |s| s; {
         // SAFETY: segments of ours, the host's number and array of n_cells, or null.
         let (handle, value, cells) = unsafe {
-            let handle = raw::reference("segments", segments)?;
-            (handle, raw::reference_mut("eigenvalue", eigenvalue)?, raw::slice_mut("cells", cells, handle.n_cells)?)
+            let handle = pointers::reference("segments", segments)?;
+            (handle, pointers::reference_mut("eigenvalue", eigenvalue)?, pointers::slice_mut("cells", cells, handle.n_cells)?)
         };
         let modes = &handle.modes;
         let at = usize::try_from(index).ok().filter(|&i| i < modes.eigenvalues.len()).ok_or_else(|| {
@@ -255,24 +257,24 @@ exports! {
         segment_rank: *mut i32,
         report: *mut RankReport,
     ) -> i32, or |s| s; {
-        let (k, np) = (raw::count("n_segments", n_segments)?, raw::count("n_ranks", n_ranks)?);
+        let (k, np) = (pointers::count("n_segments", n_segments)?, pointers::count("n_ranks", n_ranks)?);
         // SAFETY: the host's arrays, of the lengths that the header gives.
         let (sizes, adjacency, weights, out) = unsafe {
             (
-                raw::slice("sizes", sizes, k)?,
-                raw::slice("adjacency", adjacency, k * k)?,
+                pointers::slice("sizes", sizes, k)?,
+                pointers::slice("adjacency", adjacency, k * k)?,
                 match rank_weights.is_null() {
                     true => vec![1.0; np],
-                    false => raw::slice("rank_weights", rank_weights, np)?.to_vec(),
+                    false => pointers::slice("rank_weights", rank_weights, np)?.to_vec(),
                 },
-                raw::slice_mut("segment_rank", segment_rank, k)?,
+                pointers::slice_mut("segment_rank", segment_rank, k)?,
             )
         };
         let assigned = ranks::assign(sizes, adjacency, &weights)?;
         if !report.is_null() {
             let found = ranks::report(sizes, adjacency, &weights, &assigned)?;
             // SAFETY: the host's struct, not null.
-            *unsafe { raw::reference_mut("report", report)? } = RankReport {
+            *unsafe { pointers::reference_mut("report", report)? } = RankReport {
                 cut: found.cut,
                 imbalance: found.imbalance,
             };

@@ -1,30 +1,15 @@
 //! Exports: the surrogate.
 
-use super::door;
-use super::fields::{read_fields, read_outputs};
+use super::guard;
 use super::model::ModelHandle;
-use super::raw::{self, FieldData, FieldOut, MeshData};
+use super::pointers::{self, MeshData};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, Output};
-use m4gn_step::{FieldMut, Session, SessionOptions};
+use m4gn_parallel::Comm;
+use m4gn_step::{Field, FieldMut, OutputShape, Session, SessionOptions};
 use std::ffi::{CString, c_char};
 use std::sync::Arc;
-
-/// `m4gn_projection_report`
-#[repr(C)]
-#[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)]
-pub struct ProjectionData {
-    pub gap_before: f64,
-    pub gap_after: f64,
-    pub parts_before: f64,
-    pub parts_after: f64,
-    pub largest: f64,
-    pub points_moved: i32,
-    pub sweeps: i32,
-}
 
 /// `m4gn_field_info`
 #[repr(C)]
@@ -46,6 +31,8 @@ pub struct SessionHandle {
     /// The fields' names as C reads them.
     names: Vec<CString>,
     segment_record: CString,
+    /// Points of the obstacle of a body.
+    n_obstacle: Option<usize>,
     /// Set while a call runs: one that panicked leaves it, and the handle may only be freed.
     broken: bool,
 }
@@ -65,26 +52,26 @@ unsafe fn new(
         place?;
         // SAFETY: passed on to the caller; the labels are as many as the cells.
         unsafe {
-            let mesh = raw::mesh(raw::reference("mesh", mesh)?)?;
-            let model = raw::reference("model", model)?;
-            let mut options = SessionOptions::parse(raw::options(options)?)?;
-            options.cell_segment = raw::labels(cell_segment, mesh.n_cells())?;
+            let mesh = pointers::mesh(pointers::reference("mesh", mesh)?)?;
+            let model = pointers::reference("model", model)?;
+            let mut options = SessionOptions::parse(pointers::options(options)?)?;
+            options.cell_segment = pointers::labels(cell_segment, mesh.n_cells())?;
             let same = format!("{}{}\n{}", options.shared()?, m4gn_domain::shared(&mesh), model.shared());
             Ok(((mesh, model, options), same))
         }
     };
-    door::together("m4gn_session_new", &comm, read, |(mesh, model, options)| {
+    guard::together("m4gn_session_new", &comm, read, |(mesh, model, options)| {
         let session = Session::new(comm.clone(), &mesh, &model.model, &options)?;
-        handle(session, model.model.clone())
+        handle(session, model.model.clone(), mesh.obstacle.as_ref().map(|o| o.positions.len()))
     })
 }
 
-fn handle(session: Session, model: Arc<Model>) -> Result<SessionHandle> {
+fn handle(session: Session, model: Arc<Model>, n_obstacle: Option<usize>) -> Result<SessionHandle> {
     let name =
         |n: &str| CString::new(n).map_err(|_| Error::Model(format!("field name {n:?} has a zero byte")));
     let names = session.spec().fields.iter().map(|f| name(&f.name)).collect::<Result<_>>()?;
     let segment_record = name(session.segment_record())?;
-    Ok(SessionHandle { session, model, segment_record, names, broken: false })
+    Ok(SessionHandle { session, model, segment_record, n_obstacle, names, broken: false })
 }
 
 impl SessionHandle {
@@ -102,24 +89,70 @@ impl SessionHandle {
 
     /// # Safety
     /// Pointers must be what `m4gn.h` says.
-    unsafe fn step(&mut self, fields: (*const FieldData, i32), out: (*const FieldOut, i32)) -> Result<()> {
+    unsafe fn step(
+        &mut self,
+        cells: *const *const f64,
+        boundary: *const *const f64,
+        next: *const *mut f64,
+    ) -> Result<()> {
+        let spec = self.session.spec().clone();
+        let comm = self.session.comm().clone();
         let (n_cells, n_boundary) = (self.session.n_cells(), self.session.n_boundary());
-        // SAFETY: as above; outputs are not turned into references before the inputs are no longer needed, since
-        // the host may name the same arrays.
-        let read = || unsafe { Ok((read_fields(fields, n_cells, n_boundary)?, read_outputs(out, n_cells)?)) };
-        let (fields, outputs, problem) = match read() {
-            Ok((fields, outputs)) => (fields, outputs, None),
-            Err(e) => (Vec::new(), Vec::new(), Some(e)),
+        let components = |vector: bool| if vector { 3 } else { 1 };
+        let n = spec.fields.len();
+        let read = || {
+            // SAFETY: the host's arrays, as the header says; outputs are not turned into references before the inputs are no longer
+            // needed, since the host may name the same arrays.
+            unsafe {
+                let cells = pointers::slice("cells", cells, n)?;
+                let boundary = match boundary.is_null() {
+                    true => None,
+                    false => Some(pointers::slice("boundary", boundary, n)?),
+                };
+                let next = pointers::slice("next", next, n)?;
+                let (mut fields, mut outputs, mut obstacle) = (Vec::new(), Vec::new(), None);
+                for (i, field) in spec.fields.iter().enumerate() {
+                    let components = components(field.vector);
+                    if spec.reads(field) {
+                        let values = pointers::slice(&field.name, cells[i], components * n_cells)?;
+                        let faces = boundary.map_or(std::ptr::null(), |b| b[i]);
+                        let faces = match self.n_obstacle {
+                            Some(points) => {
+                                let both = pointers::vectors("boundary", faces, 2 * points)?;
+                                obstacle = Some(both.split_at(points));
+                                &[]
+                            }
+                            None if n_boundary > 0 => {
+                                pointers::slice(&field.name, faces, components * n_boundary)?
+                            }
+                            None => &[],
+                        };
+                        fields.push(Field { name: &field.name, components, cells: values, boundary: faces });
+                    }
+                    if field.output != Output::None {
+                        let len = components * n_cells;
+                        if len > 0 && (next[i].is_null() || !next[i].is_aligned()) {
+                            return Err(Error::Input(format!(
+                                "next: field '{}': expected an array of {len}, found a null pointer",
+                                field.name
+                            )));
+                        }
+                        outputs.push((OutputShape { name: &field.name, components, len }, next[i]));
+                    }
+                }
+                Ok((fields, outputs, obstacle))
+            }
         };
-        let checked = match problem {
-            Some(e) => Err(e),
-            None => self.session.check_outputs(outputs.iter().map(|(shape, _)| *shape)),
-        };
+        let (fields, outputs, obstacle) = comm.agree(read())?;
+        if let Some((now, after)) = obstacle {
+            self.session.set_obstacle(now, after)?;
+        }
+        let checked = self.session.check_outputs(outputs.iter().map(|(shape, _)| *shape));
         self.session.advance(&fields, checked)?;
         drop(fields);
         for (shape, cells) in outputs {
-            // SAFETY: not null (checked in read_outputs), of this length by the header; no other reference lives.
-            let cells = unsafe { raw::slice_mut(shape.name, cells, shape.len)? };
+            // SAFETY: not null (checked above), of this length by the header; no other reference lives.
+            let cells = unsafe { pointers::slice_mut(shape.name, cells, shape.len)? };
             self.session.write(&mut FieldMut { name: shape.name, components: shape.components, cells });
         }
         Ok(())
@@ -143,7 +176,7 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
-            door::create(raw::reference_mut("session", session), |place| {
+            guard::create(pointers::reference_mut("session", session), |place| {
                 new(comm, place, mesh, model, options, cell_segment)
             })
         }
@@ -161,25 +194,25 @@ exports! {
     /// Time that one step advances, s; 0 for a null session.
     fn m4gn_session_stride(session: *const SessionHandle) -> f64, or |_| 0.0; {
         // SAFETY: a session of ours, or null.
-        Ok(unsafe { raw::reference("session", session)? }.session.spec().stride)
+        Ok(unsafe { pointers::reference("session", session)? }.session.spec().stride)
     }
 
     /// Segments K; -1 for a null session.
     fn m4gn_session_n_segments(session: *const SessionHandle) -> i32, or no_count; {
         // SAFETY: a session of ours, or null.
-        Ok(unsafe { raw::reference("session", session)? }.session.n_segments() as i32)
+        Ok(unsafe { pointers::reference("session", session)? }.session.n_segments() as i32)
     }
 
     /// Fields of the model; -1 for a null session.
     fn m4gn_session_n_fields(session: *const SessionHandle) -> i32, or no_count; {
         // SAFETY: a session of ours, or null.
-        Ok(unsafe { raw::reference("session", session)? }.names.len() as i32)
+        Ok(unsafe { pointers::reference("session", session)? }.names.len() as i32)
     }
 
     /// What field `index` of the model is.
     fn m4gn_session_field(session: *const SessionHandle, index: i32, info: *mut FieldInfo) -> i32, or |s| s; {
         // SAFETY: a session of ours and the host's struct, or null.
-        let (handle, info) = unsafe { (raw::reference("session", session)?, raw::reference_mut("info", info)?) };
+        let (handle, info) = unsafe { (pointers::reference("session", session)?, pointers::reference_mut("info", info)?) };
         let fields = &handle.session.spec().fields;
         let at = usize::try_from(index).ok().filter(|i| *i < fields.len()).ok_or_else(|| {
             Error::Input(format!("field index: expected 0 to {}, found {index}", fields.len() - 1))
@@ -199,8 +232,8 @@ exports! {
     fn m4gn_session_segments(session: *const SessionHandle, cell_segment: *mut i32) -> i32, or |s| s; {
         // SAFETY: a session of ours and the host's array of n_cells, or null.
         let (handle, out) = unsafe {
-            let handle = raw::reference("session", session)?;
-            (handle, raw::slice_mut("cell_segment", cell_segment, handle.session.n_cells())?)
+            let handle = pointers::reference("session", session)?;
+            (handle, pointers::slice_mut("cell_segment", cell_segment, handle.session.n_cells())?)
         };
         if handle.session.n_segments() == 0 {
             return Err(Error::Input("this model has no macro stage and its session no segments".into()));
@@ -212,15 +245,15 @@ exports! {
     /// Groups of cells that the network lives on; -1 for a null session.
     fn m4gn_session_n_groups(session: *const SessionHandle) -> i32, or no_count; {
         // SAFETY: a session of ours, or null.
-        Ok(unsafe { raw::reference("session", session)? }.session.n_groups() as i32)
+        Ok(unsafe { pointers::reference("session", session)? }.session.n_groups() as i32)
     }
 
     /// Group of each of this rank's cells.
     fn m4gn_session_groups(session: *const SessionHandle, cell_group: *mut i32) -> i32, or |s| s; {
         // SAFETY: a session of ours and the host's array of n_cells, or null.
         let (handle, out) = unsafe {
-            let handle = raw::reference("session", session)?;
-            (handle, raw::slice_mut("cell_group", cell_group, handle.session.n_cells())?)
+            let handle = pointers::reference("session", session)?;
+            (handle, pointers::slice_mut("cell_group", cell_group, handle.session.n_cells())?)
         };
         let Some(groups) = handle.session.cell_group() else {
             return Err(Error::Input("the network of this session lives on the cells and has no groups of them".into()));
@@ -232,67 +265,7 @@ exports! {
     /// How the segments were computed; null for a null session.
     fn m4gn_session_segment_record(session: *const SessionHandle) -> *const c_char, or |_| std::ptr::null(); {
         // SAFETY: a session of ours, or null.
-        Ok(unsafe { raw::reference("session", session)? }.segment_record.as_ptr())
-    }
-
-    /// Where the obstacle is at the start and at the end of the next step.
-    fn m4gn_session_set_obstacle(
-        session: *mut SessionHandle,
-        now: *const f64,
-        after: *const f64,
-        n_obstacle: i32,
-    ) -> i32, or |status| status; {
-        // SAFETY: a session of ours, or null.
-        let handle = unsafe { raw::reference_mut("session", session)? };
-        handle.guarded(|handle| {
-            let read = || {
-                let n = raw::count("n_obstacle", n_obstacle)?;
-                // SAFETY: the host's arrays, as the header says.
-                unsafe { Ok((raw::vectors("now", now, n)?, raw::vectors("after", after, n)?)) }
-            };
-            let (now, after) = handle.session.comm().agree(read())?;
-            handle.session.set_obstacle(now, after)
-        })
-    }
-
-    /// Where body and obstacle were one stride before the next step.
-    fn m4gn_session_set_before(
-        session: *mut SessionHandle,
-        displacement: *const f64,
-        n_points: i32,
-        obstacle: *const f64,
-        n_obstacle: i32,
-    ) -> i32, or |status| status; {
-        // SAFETY: a session of ours, or null.
-        let handle = unsafe { raw::reference_mut("session", session)? };
-        handle.guarded(|handle| {
-            let read = || {
-                let (n, q) = (raw::count("n_points", n_points)?, raw::count("n_obstacle", n_obstacle)?);
-                // SAFETY: the host's arrays, as the header says.
-                unsafe { Ok((raw::vectors("displacement", displacement, n)?, raw::vectors("obstacle", obstacle, q)?)) }
-            };
-            let (displacement, obstacle) = handle.session.comm().agree(read())?;
-            handle.session.set_before(displacement, obstacle)
-        })
-    }
-
-    /// What the projection did in the last step.
-    fn m4gn_session_projection(session: *const SessionHandle, report: *mut ProjectionData) -> i32, or |s| s; {
-        // SAFETY: a session of ours and the host's struct, or null.
-        let (handle, to) = unsafe { (raw::reference("session", session)?, raw::reference_mut("report", report)?) };
-        let found = handle.session.projection().ok_or_else(|| {
-            Error::Input("the session projects no contact: set projection in its options".into())
-        })?;
-        *to = ProjectionData {
-            gap_before: found.before.map_or(f64::INFINITY, |g| g.cells),
-            gap_after: found.after.map_or(f64::INFINITY, |g| g.cells),
-            parts_before: found.own_before.map_or(f64::INFINITY, |g| g.cells),
-            parts_after: found.own_after.map_or(f64::INFINITY, |g| g.cells),
-            largest: found.largest,
-            points_moved: found.points_moved as i32,
-            sweeps: found.sweeps as i32,
-        };
-        Ok(0)
+        Ok(unsafe { pointers::reference("session", session)? }.segment_record.as_ptr())
     }
 
     /// Whether mesh and fields are what the model was trained on.
@@ -303,18 +276,18 @@ exports! {
         why_size: i32,
     ) -> i32, or |status| status; {
         // SAFETY: a session of ours, or null.
-        let handle = unsafe { raw::reference("session", session)? };
+        let handle = unsafe { pointers::reference("session", session)? };
         let comm = handle.session.comm().clone();
         comm.guarded(|| {
             let places = || {
-                let size = raw::count("why_size", why_size)?;
+                let size = pointers::count("why_size", why_size)?;
                 // SAFETY: the host's places, as the header says.
-                unsafe { Ok((raw::reference_mut("count", count)?, raw::slice_mut("why", why, size)?)) }
+                unsafe { Ok((pointers::reference_mut("count", count)?, pointers::slice_mut("why", why, size)?)) }
             };
             let (count, why) = comm.agree(places())?;
             let found = handle.session.outside();
             *count = found.len() as i32;
-            raw::put_text(&found.join("\n"), why);
+            pointers::put_text(&found.join("\n"), why);
             Ok(())
         })?;
         Ok(0)
@@ -323,14 +296,13 @@ exports! {
     /// One step.
     fn m4gn_session_step(
         session: *mut SessionHandle,
-        fields: *const FieldData,
-        n_in: i32,
-        out: *const FieldOut,
-        n_out: i32,
+        cells: *const *const f64,
+        boundary: *const *const f64,
+        next: *const *mut f64,
     ) -> i32, or |status| status; {
         // SAFETY: a session of ours, or null.
-        let handle = unsafe { raw::reference_mut("session", session)? };
-        // SAFETY: the host's arrays, as the header says. The ranks agree within the step.
-        handle.guarded(|handle| unsafe { handle.step((fields, n_in), (out, n_out)) })
+        let handle = unsafe { pointers::reference_mut("session", session)? };
+        // SAFETY: the host's arrays, as the header says.
+        handle.guarded(|handle| unsafe { handle.step(cells, boundary, next) })
     }
 }

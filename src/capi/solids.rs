@@ -1,14 +1,14 @@
 //! Exports: modes of elastic bodies.
 
-use super::door;
+use super::guard;
 use super::modes::{ModesHandle, ModesOptions};
-use super::raw::{self, SolidData};
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
+use super::pointers::{self, SolidData};
+use m4gn_base::Result;
+use m4gn_base::settings;
 use m4gn_model::modal::Modes;
-use m4gn_model::settings;
 use m4gn_modes::fem;
 use m4gn_modes::fem::HostBody;
+use m4gn_parallel::Comm;
 use std::ffi::c_char;
 
 /// # Safety
@@ -24,8 +24,8 @@ unsafe fn new(
         place?;
         // SAFETY: passed on to the caller.
         unsafe {
-            let mut found = HostBody::new(&raw::reference("body", body)?.arrays()?);
-            let asked = ModesOptions::of_body(raw::options(options)?)?;
+            let mut found = HostBody::new(&pointers::reference("body", body)?.arrays()?);
+            let asked = ModesOptions::of_body(pointers::options(options)?)?;
             found.options.modal = asked.modal();
             let o = &found.options;
             let asked = settings::lines(&asked)?;
@@ -33,7 +33,7 @@ unsafe fn new(
             Ok((found, same))
         }
     };
-    door::together("m4gn_solid_modes_new", &comm, read, |body| solve(&comm, &body))
+    guard::together("m4gn_solid_modes_new", &comm, read, |body| solve(&comm, &body))
 }
 
 /// Collective.
@@ -57,6 +57,6 @@ exports! {
         modes: *mut *mut ModesHandle,
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
-        unsafe { door::create(raw::reference_mut("modes", modes), |place| new(comm, place, body, options)) }
+        unsafe { guard::create(pointers::reference_mut("modes", modes), |place| new(comm, place, body, options)) }
     }
 }

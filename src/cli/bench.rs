@@ -1,13 +1,13 @@
 //! `m4gn bench`: what a step of a network costs on this machine.
 
 use crate::output::filled;
+use m4gn_base::{Error, Result};
 use m4gn_data::Trajectory;
 use m4gn_engine::torch::TorchTrial;
 use m4gn_engine::{EngineOptions, Forward, Isa, Phase, Precision};
 use m4gn_learn::NativeBackend;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
+use m4gn_parallel::Comm;
 use m4gn_report::Table;
 use m4gn_step::Backend;
 use m4gn_structure::Structure;

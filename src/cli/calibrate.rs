@@ -1,7 +1,7 @@
 //! `m4gn calibrate`: how the errors of a model's rollouts grow, measured on recorded trajectories.
 
 use crate::validate::{Progress, SPLITS, name_file, trajectories};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_model::{Calibration, Model, Resolution};
 use m4gn_step::SessionOptions;
 use m4gn_workbench::calibrate::{self, Rollout};
@@ -15,8 +15,7 @@ use std::path::PathBuf;
 /// Rolls the model out from frames all along trajectories that no training has seen, and compares the errors after 1, 2, ... strides
 /// with that of the stride before. The quantiles of the ratios are written into the model (--out): with them, and with a stride that
 /// solver and surrogate both take, 'control { tolerance ...; }' of m4gnSurrogate chooses the length of its jumps. --check measures
-/// instead how often the estimates of a calibrated model hold on other trajectories. Of bodies it finds as well how much of what the
-/// network was off by over a stride before, where a host says what that changed, is best carried on from stride to stride.
+/// instead how often the estimates of a calibrated model hold on other trajectories.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Model (*.safetensors)
@@ -40,8 +39,7 @@ pub struct Args {
     /// Measure how often the model's own calibration holds here
     #[arg(long, conflicts_with = "out")]
     check: bool,
-    /// Mean distance of the network's nodes: auto (the model's own), off (a node a cell), or a length in m
-    #[arg(long, default_value = "auto")]
+    #[arg(long, default_value = "auto", help = SessionOptions::table().help("resolution"))]
     resolution: Resolution,
     /// Threads
     #[arg(long, value_name = "N", default_value_t = 1)]
@@ -83,42 +81,23 @@ pub fn run(args: Args) -> Result<()> {
     let options =
         SessionOptions { n_threads: args.threads, resolution: args.resolution, ..SessionOptions::default() };
     let found = trajectories(&args.data, &args.split, &model)?;
-    let candidates: Vec<Option<Calibration>> = match &known {
-        Some(known) => vec![Some(known.clone())],
-        None if calibrate::carried(&model).is_empty() => vec![None],
-        None => {
-            let carried = calibrate::carried(&model).iter();
-            carried.map(|&c| Some(Calibration::of_carried(c))).collect()
-        }
-    };
-    let progress = Progress::new(candidates.len() * args.starts * found.len())?;
-    let mut measured: Vec<Vec<Vec<Rollout>>> = Vec::new();
-    for candidate in &candidates {
-        model.spec.calibration = candidate.clone();
-        let mut all = Vec::new();
-        for (i, (trajectory, _)) in found.iter().enumerate() {
-            let tick = &mut || progress.advance();
-            let mut outside = Vec::new();
-            let lengths = (strides, args.starts);
-            let rollouts = calibrate::rollouts(&model, trajectory, &options, lengths, &mut outside, tick);
-            all.push(name_file(rollouts, trajectory.path())?);
-            progress.note(trajectory.path(), &outside);
-            let carried = candidate.as_ref().and_then(|c| c.carried);
-            progress.say(|| {
-                let of = carried.map_or(String::new(), |c| format!(", {c} carried on"));
-                format!("{}/{} {}{of}", i + 1, found.len(), trajectory.path().display())
-            });
-        }
-        measured.push(all);
+    let progress = Progress::new(args.starts * found.len())?;
+    let mut all: Vec<Vec<Rollout>> = Vec::new();
+    for (i, (trajectory, _)) in found.iter().enumerate() {
+        let tick = &mut || progress.advance();
+        let mut outside = Vec::new();
+        let lengths = (strides, args.starts);
+        let rollouts = calibrate::rollouts(&model, trajectory, &options, lengths, &mut outside, tick);
+        all.push(name_file(rollouts, trajectory.path())?);
+        progress.note(trajectory.path(), &outside);
+        progress.say(|| format!("{}/{} {}", i + 1, found.len(), trajectory.path().display()));
     }
-    let best = calibrate::best(&measured);
-    let (all, carried) = (measured.swap_remove(best), candidates[best].as_ref().and_then(|c| c.carried));
     progress.finish();
 
     let asked = args.coverage.unwrap_or(0.95);
     let calibration = match &known {
         Some(known) => known.clone(),
-        None => Calibration { carried, ..calibrate::calibration(&model, asked, &all)? },
+        None => calibrate::calibration(&model, asked, &all)?,
     };
     let rollouts: Vec<Rollout> = all.iter().flatten().cloned().collect();
     let names: Vec<&str> = predicted(&model.spec.fields).iter().map(|f| f.name.as_str()).collect();
@@ -168,11 +147,6 @@ fn print(
             "coverage {:.3} on {count} rollouts of {trajectories} trajectories",
             calibration.coverage
         ),
-    }
-    if let Some(part) = calibration.carried {
-        println!(
-            "of what the network was off by over a stride before that is known, {part} is carried on from stride to stride"
-        );
     }
     println!("error after n strides over that of the stride before:");
     println!("  field       n  median    factor  share within");

@@ -1,7 +1,7 @@
 //! `m4gn check`: does a case fit?
 
 use super::{check_outputs, stop_flag, write_json};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_report::number;
 use m4gn_workbench::check::{self, Case, Checked, Finding, Plan};
 use std::path::{Path, PathBuf};
@@ -115,8 +115,8 @@ fn of(finding: &Finding, line: &dyn Fn(&str, &str)) {
     if report.steps > 1 {
         line("a step", &format!("{} s of wall time", number(report.wall / (report.steps - 1) as f64, 2)));
     }
-    if finding.surrogate == "linear" && !report.handed_over.is_empty() {
-        linear(finding, line);
+    if finding.surrogate == "dmd" && !report.handed_over.is_empty() {
+        dmd(finding, line);
     } else if report.memory_after > report.memory_before {
         line(
             "memory",
@@ -129,16 +129,16 @@ fn of(finding: &Finding, line: &dyn Fn(&str, &str)) {
     }
 }
 
-fn linear(finding: &Finding, line: &dyn Fn(&str, &str)) {
+fn dmd(finding: &Finding, line: &dyn Fn(&str, &str)) {
     let report = &finding.report;
     match report.suggestion() {
         Some(s) => {
             let window = if s.window < check::WINDOW {
-                format!(" window {0}; least {0};", s.window)
+                format!(" window {0}; minSnapshots {0};", s.window)
             } else {
                 String::new()
             };
-            line("suggested", &format!("linear {{ interval {};{window} }}: {}", s.interval, s.why));
+            line("suggested", &format!("dmd {{ snapshotInterval {};{window} }}: {}", s.interval, s.why));
             let memory = mib(report.window_memory(s.window));
             line("memory", &format!("up to {memory} MiB on all ranks for a window of {}", s.window));
             if let Some(seconds) = finding.stride {

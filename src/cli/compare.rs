@@ -1,6 +1,6 @@
 //! `m4gn compare`: a hybrid run against the full run.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_workbench::compare::{self, Options};
 use m4gn_workbench::foam_case::FoamCase;
 use std::path::PathBuf;
@@ -24,7 +24,7 @@ pub struct Args {
     patch: Option<String>,
     /// Of a solid, the patch beside whose centre a cell is followed [default: the cell that moves most].
     #[arg(long, value_name = "PATCH")]
-    follow: Option<String>,
+    probe_patch: Option<String>,
     /// Count errors from this time on, s [default: the takeover that m4gnSurrogate recorded in CASE_B].
     #[arg(long, value_name = "S")]
     from: Option<f64>,
@@ -60,7 +60,7 @@ pub fn run(args: Args) -> Result<()> {
     let mut b = FoamCase::open(&args.case_b)?;
     let options = Options {
         patch: args.patch,
-        follow: args.follow,
+        follow: args.probe_patch,
         takeover: args.from,
         wall_a: args.wall_a,
         wall_b: args.wall_b,

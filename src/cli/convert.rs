@@ -1,8 +1,9 @@
 //! `m4gn convert`: data sets and weights of others, and for others.
 
+use m4gn_base::{Error, Result};
 use m4gn_data::{Split, Trajectory, is_trajectory, list};
 use m4gn_exchange::{export, import, weights};
-use m4gn_mesh::{Error, NodeType, Result};
+use m4gn_mesh::NodeType;
 use m4gn_model::Model;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -81,7 +82,7 @@ pub fn run(args: Args) -> Result<()> {
     if input.join("system/controlDict").exists() {
         return Err(Error::file(
             input,
-            "is a case of OpenFOAM: give its controlDict an m4gnHarvest and run its solver with -postProcess, which records the time folders",
+            "is a case of OpenFOAM: give its controlDict an m4gnRecorder and run its solver with -postProcess, which records the time folders",
         ));
     }
     let own = input.is_dir() || input.extension().is_some_and(|e| e == "h5") && is_trajectory(input)?;

@@ -1,7 +1,7 @@
 //! `m4gn doctor`: what is there, what is missing, and how to mend it.
 
 use super::write_json;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_workbench::generate::openfoam::DEBIAN_OPENFOAM;
 use m4gn_workbench::generate::process::find_program;
 use std::path::PathBuf;
@@ -54,7 +54,7 @@ pub fn run(args: Args) -> Result<()> {
 fn findings() -> Vec<Finding> {
     let program = |name: &str| find_program(name).map(|p| p.display().to_string());
     let library = |name: &str| {
-        let mut files = m4gn_mesh::plugin::places().into_iter().map(|p| p.join(name));
+        let mut files = m4gn_base::plugin::places().into_iter().map(|p| p.join(name));
         files.find(|p| p.is_file()).map(|p| p.display().to_string())
     };
     let missing_programs = PROGRAMS.iter().any(|p| find_program(p).is_none());
@@ -114,7 +114,7 @@ fn findings() -> Vec<Finding> {
 
 /// OpenFOAM's folder, from the environment or Debian's.
 fn openfoam() -> Option<String> {
-    let set = m4gn_mesh::plugin::folder_variable("WM_PROJECT_DIR");
+    let set = m4gn_base::plugin::folder_variable("WM_PROJECT_DIR");
     let (folder, how) = match set {
         Some(folder) => (folder, "WM_PROJECT_DIR"),
         None => (PathBuf::from(DEBIAN_OPENFOAM), "Debian's; export WM_PROJECT_DIR to run solvers yourself"),
@@ -124,7 +124,7 @@ fn openfoam() -> Option<String> {
 }
 
 fn mpi() -> Option<String> {
-    let version = m4gn_mesh::parallel::library_version()?;
+    let version = m4gn_parallel::library_version()?;
     Some(version.split(',').next().unwrap_or_default().trim().to_string())
 }
 

@@ -2,7 +2,7 @@
 
 use super::generate::folder::SetArgs;
 use super::{check_outputs, stop_flag, write_json};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_report::{number, percent};
 use m4gn_workbench::generate::family::Family;
 use m4gn_workbench::generate::openfoam::{environment, plain_path};
@@ -18,12 +18,12 @@ use std::time::Duration;
 
 /// Run many unseen cases of a family with and without the surrogate, and compare: errors, forces, times
 ///
-/// Of each draw the plain solver runs once over the whole time span, then the hybrids with the family's schedule (a network's, the linear
+/// Of each draw the plain solver runs once over the whole time span, then the hybrids with the family's schedule (a network's, the dmd
 /// surrogate's, both), each --variant and each cheaper plain solver. What is finished is kept in --out, so that the same command goes on where it was stopped; a run
 /// that was made with other settings is made anew. Exit status 1 if any run failed. See docs/hybrid.md.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The network (*.safetensors); without it the linear surrogate alone is run
+    /// The network (*.safetensors); without it the dmd surrogate alone is run
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// Family of cases: its name, or a folder with family.toml
@@ -37,17 +37,17 @@ pub struct Args {
     seed: u64,
     #[command(flatten)]
     set: SetArgs,
-    /// A further hybrid, of the network or, without --model, of the linear surrogate: FILE has entries for the function object m4gnSurrogate, which replace or join the usual ones; parameters
+    /// A further hybrid, of the network or, without --model, of the dmd surrogate: FILE has entries for the function object m4gnSurrogate, which replace or join the usual ones; parameters
     /// of its case can follow, NAME=FILE,PARAMETER=VALUE,...
     #[arg(long, value_name = "NAME=FILE")]
     variant: Vec<String>,
     /// A plain solver to compare with: one of the family's by name, or NAME=PARAMETER=VALUE,...; none: no plain solver
     /// [default: all of the family's]
     #[arg(long, value_name = "NAME[=SETTINGS]")]
-    plain: Vec<String>,
+    baseline: Vec<String>,
     /// The solver is alone before, s [default: the family's]
     #[arg(long, value_name = "SECONDS", value_parser = super::generate::positive)]
-    start_up: Option<f64>,
+    takeover: Option<f64>,
     /// End of the runs, s [default: the family's]
     #[arg(long, value_name = "SECONDS", value_parser = super::generate::positive)]
     end: Option<f64>,
@@ -56,7 +56,7 @@ pub struct Args {
     out: PathBuf,
     /// Record what the solver does between the jumps of the hybrids, for the next training: DIR/SEED-INDEX-NAME-TIME.h5
     #[arg(long, value_name = "DIR")]
-    stretches: Option<PathBuf>,
+    record_solver: Option<PathBuf>,
     /// Draws at once; above 1, times disturb each other
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=4096))]
     jobs: u64,
@@ -138,14 +138,14 @@ fn plan(args: &Args) -> Result<Plan> {
             family.name
         ))
     })?;
-    schedule.start_up = args.start_up.unwrap_or(schedule.start_up);
+    schedule.start_up = args.takeover.unwrap_or(schedule.start_up);
     schedule.end = args.end.unwrap_or(schedule.end);
     schedule.check()?;
     let model = args.model.as_deref().map(plain_path).transpose()?;
     if let Some(model) = model.as_ref().filter(|m| !m.is_file()) {
         return Err(Error::file(model, "there is no such file: expected a model (*.safetensors)"));
     }
-    let variants = variants(&family, &schedule, model.is_some(), &args.variant, &args.plain)?;
+    let variants = variants(&family, &schedule, model.is_some(), &args.variant, &args.baseline)?;
     if !variants.iter().any(|v| matches!(v.kind, Kind::Hybrid { .. })) {
         return Err(Error::Input(format!(
             "family {}: expected --model: it is not of flows, and no other surrogate is run of it",
@@ -161,7 +161,7 @@ fn plan(args: &Args) -> Result<Plan> {
         count: args.count,
         variants,
         folder: plain_path(&args.out)?,
-        stretches: args.stretches.as_deref().map(plain_path).transpose()?,
+        stretches: args.record_solver.as_deref().map(plain_path).transpose()?,
         jobs: args.jobs as usize,
         keep_cases: args.keep_cases,
         tools: Surroundings {

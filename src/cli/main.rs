@@ -25,12 +25,12 @@ pub use output::{check_outputs, progress_bar, write_json};
 pub use stop::stop_flag;
 
 use clap::{Parser, Subcommand};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::process::ExitCode;
 
 /// M4GN surrogates for OpenFOAM
 ///
-/// Data are recorded by the function object m4gnHarvest or made by 'm4gn generate'; the function object
+/// Data are recorded by the function object m4gnRecorder or made by 'm4gn generate'; the function object
 /// m4gnSurrogate takes over time steps of a solver.
 #[derive(Debug, Parser)]
 #[command(name = "m4gn", version, arg_required_else_help = true)]
@@ -59,7 +59,7 @@ enum Command {
 
 /// Runs the command line of this process.
 fn main() -> ExitCode {
-    m4gn_mesh::ffi::refuse_file_size_signal();
+    m4gn_base::ffi::refuse_file_size_signal();
     // Bad usage ends here with status 2.
     let cli = Cli::parse();
     let done = match cli.command {
@@ -87,7 +87,7 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     };
-    m4gn_mesh::parallel::finalize();
+    m4gn_parallel::finalize();
     status
 }
 

@@ -1,8 +1,8 @@
 //! What a command prints, figures as JSON, and progress on a terminal or as plain lines.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use m4gn_mesh::files::write_whole;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::files::write_whole;
+use m4gn_base::{Error, Result};
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::io::ErrorKind;
@@ -111,7 +111,7 @@ pub fn write_json(path: Option<&Path>, figures: &Value) -> Result<()> {
 /// # Errors
 /// [`Error::File`] naming it.
 pub fn check_outputs<'a>(paths: impl IntoIterator<Item = Option<&'a Path>>) -> Result<()> {
-    paths.into_iter().flatten().try_for_each(m4gn_mesh::files::check_writable)
+    paths.into_iter().flatten().try_for_each(m4gn_base::files::check_writable)
 }
 
 /// A progress bar over `length` things on a terminal; None where stderr is no terminal: print plain lines then.

@@ -2,8 +2,8 @@
 
 use super::running::Running;
 use super::validate::{Progress, name_file};
+use m4gn_base::{Error, Result};
 use m4gn_data::{Trajectory, list};
-use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
 use m4gn_workbench::predict;
 use serde_json::json;

@@ -1,24 +1,21 @@
 //! How a command runs a network on recorded trajectories.
 
+use m4gn_base::Result;
 use m4gn_engine::PrecisionChoice;
-use m4gn_mesh::Result;
 use m4gn_model::Resolution;
 use m4gn_step::{Backend, SessionOptions};
 
 /// Options that commands have in common.
 #[derive(Debug, clap::Args)]
 pub struct Running {
-    /// What runs the network: native, torch, torch:DEVICE
-    #[arg(long, default_value = "native")]
+    #[arg(long, default_value = "native", help = SessionOptions::table().help("backend"))]
     backend: String,
     /// Threads
     #[arg(long, value_name = "N", default_value_t = 1)]
     threads: usize,
-    /// Of the native engine's products: model (bf16 for a model of fields at cells that was trained so, where that is faster), auto, fp32, bf16
-    #[arg(long, default_value = "model")]
+    #[arg(long, default_value = "model", help = SessionOptions::table().help("precision"))]
     precision: String,
-    /// Mean distance of the network's nodes: auto (the model's own), off (a node a cell), or a length in m
-    #[arg(long, default_value = "auto")]
+    #[arg(long, default_value = "auto", help = SessionOptions::table().help("resolution"))]
     resolution: Resolution,
 }
 

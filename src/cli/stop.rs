@@ -1,6 +1,6 @@
 //! Ctrl-C and SIGTERM: a flag that long jobs look at.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU8, Ordering};
 

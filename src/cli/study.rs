@@ -1,7 +1,7 @@
 //! `m4gn study`: networks on data sets with several seeds, compared in one report.
 
 use super::stop_flag;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_workbench::study::{Plan, Report, run as study};
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use std::path::PathBuf;
 ///
 /// FILE says what is trained on what (docs/study.md). Each training and validation is a process of its own, one after the other; what is done is kept in
 /// DIR, and the same command goes on where it was stopped. The report (study.html, study.md, study.tex, study.json in DIR) has persistence, hold first,
-/// extrapolation and a linear fit (HODMD) beside the networks. One that fails is told, and the others go on; exit status 1 then.
+/// extrapolation and a dmd fit beside the networks. One that fails is told, and the others go on; exit status 1 then.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// What to study (*.toml)

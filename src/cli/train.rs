@@ -1,7 +1,7 @@
 //! `m4gn train`: fits a model to a data set, on the native engine or, in libm4gn_torch.so, on libtorch.
 
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 use m4gn_train::{Request, train_native};
 use std::path::PathBuf;
 

@@ -1,12 +1,11 @@
 //! `m4gn validate`: a model against recorded trajectories.
 
 use super::running::Running;
+use m4gn_base::{Error, Result};
 use m4gn_data::{Split, Trajectory, list};
-use m4gn_domain::body::projection::ProjectionOptions;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
 use m4gn_report::number;
-use m4gn_workbench::validate::{self, Case, Keep, Pace, Way};
+use m4gn_workbench::validate::{self, Case, Keep, Pace};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
@@ -14,9 +13,9 @@ use std::sync::atomic::Ordering;
 ///
 /// RMSE-1: one step of the model's stride from every frame at that stride; RMSE-50: the rollout over its first 50 recorded
 /// frames (or --horizon), printed with its time; RMSE-all: over the whole trajectory. Persistence holds the recorded
-/// frame one stride before, extrapolation is the line through the two frames before, linear a decomposition that is fitted to the frames before (single steps
+/// frame one stride before, extrapolation is the line through the two frames before, dmd a decomposition that is fitted to the frames before (single steps
 /// alone: a rollout has no history to be fitted to), hold first the first frame. Of a body at points
-/// also the paper's mesh metrics and the worst gap to the obstacle, with and without contact projection.
+/// also the paper's mesh metrics and the worst gap to the obstacle.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Model (*.safetensors)
@@ -31,12 +30,6 @@ pub struct Args {
     /// Time that RMSE-50 covers, s [default: 50 frames of the data]
     #[arg(long, value_name = "S")]
     horizon: Option<f64>,
-    /// Of a body: rollouts with contact projection after each step, without it, or both [default: both]
-    #[arg(long, value_enum)]
-    projection: Option<Projecting>,
-    /// Of a body: the projection keeps it out of itself as well
-    #[arg(long)]
-    self_contact: bool,
     #[command(flatten)]
     running: Running,
     /// Number of segments, in place of the model's own
@@ -55,14 +48,6 @@ pub struct Args {
 
 /// Which trajectories: to report on, to choose settings on, to train on, or each of them.
 pub const SPLITS: [&str; 4] = ["test", "valid", "train", "all"];
-
-/// Which rollouts of a body.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Projecting {
-    On,
-    Off,
-    Both,
-}
 
 /// Runs the command.
 ///
@@ -85,7 +70,11 @@ pub fn run(args: Args) -> Result<()> {
         (model.spec.segments.count, model.spec.segments.size) = (count, None);
         model.spec.segments.check()?;
     }
-    let ways = args.ways(&model)?;
+    if args.vtu.is_some() && !m4gn_domain::moves(&model.spec) {
+        return Err(Error::Input(
+            "--vtu: the model is of a flow at cells; this is for models of bodies at points".into(),
+        ));
+    }
     let trajectories = trajectories(&args.data, &args.split, &model)?;
     // One trajectory is pictured: the first of the split that counts.
     let shown = trajectories.iter().position(|(t, _)| t.split() == Split::Test);
@@ -96,13 +85,12 @@ pub fn run(args: Args) -> Result<()> {
         (None, None) => Keep::Nothing,
     };
     let total = trajectories.len();
-    let progress =
-        Progress::new(ways.len() * trajectories.iter().map(|(_, p)| Way::steps(*p)).sum::<usize>())?;
+    let progress = Progress::new(trajectories.iter().map(|(_, p)| validate::steps(*p)).sum())?;
     let mut cases: Vec<Case> = Vec::new();
     for (i, (trajectory, _)) in trajectories.iter().enumerate() {
         let keep = if i == shown { keep } else { Keep::Nothing };
         let mut advance = || progress.advance();
-        let case = validate::run(&model, trajectory, &options, &ways, (args.horizon, keep), &mut advance);
+        let case = validate::run(&model, trajectory, &options, (args.horizon, keep), &mut advance);
         let case = name_file(case, trajectory.path())?;
         progress.say(|| format!("{}/{total} {}", i + 1, line(&case)));
         progress.note(trajectory.path(), &case.outside);
@@ -146,47 +134,10 @@ fn line(case: &Case) -> String {
         number(figures.rmse_50, 3),
         number(figures.rmse_all, 3)
     );
-    let gaps = rows.iter().filter_map(|r| Some(format!("{} {:+.3}", r.name, r.gap?)));
-    let gaps: Vec<String> = gaps.collect();
-    if !gaps.is_empty() {
-        text += &format!(", worst gap of {} cells", gaps.join(", "));
+    if let Some(gap) = rows[0].gap {
+        text += &format!(", worst gap {gap:+.3} cells");
     }
     text
-}
-
-impl Args {
-    /// The rollouts that are asked for.
-    fn ways(&self, model: &Model) -> Result<Vec<Way>> {
-        if !m4gn_domain::moves(&model.spec) {
-            for (given, option) in [
-                (self.projection.is_some(), "--projection"),
-                (self.self_contact, "--self-contact"),
-                (self.vtu.is_some(), "--vtu"),
-            ] {
-                if given {
-                    return Err(Error::Input(format!(
-                        "{option}: the model is of a flow at cells; this is for models of bodies at points"
-                    )));
-                }
-            }
-            return Ok(vec![Way::PLAIN]);
-        }
-        let choice = self.projection.unwrap_or(Projecting::Both);
-        if self.self_contact && choice == Projecting::Off {
-            return Err(Error::Input(
-                "--self-contact is an option of the projection: leave out --projection off".into(),
-            ));
-        }
-        let projected = Way::projected(ProjectionOptions {
-            self_contact: self.self_contact,
-            ..ProjectionOptions::default()
-        });
-        Ok(match choice {
-            Projecting::On => vec![projected],
-            Projecting::Off => vec![Way::PLAIN],
-            Projecting::Both => vec![Way::PLAIN, projected],
-        })
-    }
 }
 
 /// The trajectories of the split, all fit for the model.

@@ -1,9 +1,10 @@
 //! A body at points and the obstacle that may touch it, as they are found in a file.
 
 use super::source::Source;
+use m4gn_base::Result;
+use m4gn_mesh::NodeType;
 use m4gn_mesh::body::{Body, Material, Obstacle};
 use m4gn_mesh::elements::{ElementKind, Elements};
-use m4gn_mesh::{NodeType, Result};
 
 impl Source<'_> {
     /// The body at rest; none where the fields are at cells.

@@ -12,7 +12,7 @@ const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/solid.
 /// Frames of the displacement, and motion of the obstacle.
 type All = (Vec<Frame>, Vec<Vec<[f32; 3]>>);
 
-fn read_all(path: &Path) -> m4gn_mesh::Result<All> {
+fn read_all(path: &Path) -> m4gn_base::Result<All> {
     let t = Trajectory::open(path)?;
     let n = t.times().len();
     Ok((t.read_frames("D", 0, 1, n)?, t.read_motion(0, 1, n)?))

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use std::path::Path;
 
 /// Opens a file and reads all of it.
-fn read_all(path: &Path) -> m4gn_mesh::Result<()> {
+fn read_all(path: &Path) -> m4gn_base::Result<()> {
     let trajectory = Trajectory::open(path)?;
     for field in trajectory.fields() {
         trajectory.read_frames(&field.name, 0, 1, trajectory.times().len())?;

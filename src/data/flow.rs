@@ -2,8 +2,9 @@
 
 use super::schema::{NAME, Text};
 use super::source::Source;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{BoundaryFace, CoupledFace, ElasticModes, Mesh, NodeType, Result};
+use m4gn_base::Result;
+use m4gn_mesh::{BoundaryFace, CoupledFace, ElasticModes, Mesh, NodeType};
+use m4gn_parallel::Comm;
 
 impl Source<'_> {
     /// The mesh: cells, faces between them, boundary faces, cyclic faces, elastic modes.

@@ -3,9 +3,9 @@
 use super::schema::{NAME, Text, h5_error, h5_text};
 use super::trajectory::TRIANGLES;
 use hdf5::{Dataset, Group};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::body::{BodyShare, Material};
-use m4gn_mesh::{Error, Result};
 use std::path::Path;
 
 /// Size of the mesh's datasets, bytes (generously); fails for meshes whose labels do not fit.

@@ -1,9 +1,10 @@
 //! Recording from all ranks of a solver: gathered to the root in the undecomposed mesh's order, written there.
 
 use super::{FieldMeta, Frame, WriteOptions, Writer};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::whole::{Place, whole_mesh};
-use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
+use m4gn_mesh::whole::whole_mesh;
+use m4gn_parallel::Comm;
 use std::path::Path;
 
 /// One field of one rank at one time, as a solver has it.
@@ -56,7 +57,7 @@ impl Recorder {
         let cells = comm.gather(&mesh.cell_global);
         let numbers: Vec<i64> = mesh.boundary.iter().map(|f| f.global).collect();
         let boundary = comm.gather(&numbers);
-        let whole = whole_mesh(comm, mesh, Place::Root);
+        let whole = whole_mesh(comm, mesh);
         let root = match (cells, boundary, whole) {
             (Some(cells), Some(boundary), Some(whole)) => whole
                 .and_then(|whole| {

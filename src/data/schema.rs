@@ -1,7 +1,7 @@
 //! Names, versions and small types that the reader and the writer share.
 
 use hdf5::types::FixedUnicode;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::path::Path;
 use std::str::FromStr;
 

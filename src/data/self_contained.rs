@@ -5,7 +5,7 @@ use super::source::Source;
 use hdf5::filters::Filter;
 use hdf5::plist::dataset_create::Layout;
 use hdf5::{Dataset, Group, LinkInfo, LinkType};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 
 /// Deepest group that a trajectory has is `/fields/NAME`.
 const DEEPEST: usize = 4;

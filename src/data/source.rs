@@ -2,7 +2,7 @@
 
 use super::schema::{FORMAT, FieldMeta, LONG, NAME, Split, Text, VERSION, h5_error, quiet};
 use hdf5::Dataset;
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use ndarray::Ix2;
 use std::io::Read;
 use std::path::Path;

@@ -1,6 +1,6 @@
 //! Room on the disk, asked for before HDF5 writes.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::path::Path;
 
 /// Makes sure that `bytes` beyond `end` can be written, before HDF5 starts: a disk that fills up in the middle

@@ -4,7 +4,7 @@ use super::schema::Frame;
 use super::source::{Source, open_file};
 use super::trajectory::{Trajectory, Values};
 use hdf5::Dataset;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 
 /// Several fields and the obstacle's displacement, open for reading.
 pub struct States<'a> {

@@ -1,7 +1,7 @@
 //! Round trips, recordings that fail, full disks.
 
 use super::*;
-use m4gn_mesh::Error;
+use m4gn_base::Error;
 use m4gn_mesh::{BoundaryFace, CoupledFace, ElasticModes, Mesh, NodeType};
 use std::path::Path;
 

@@ -2,10 +2,11 @@
 
 use super::schema::{FieldMeta, Frame, Split, h5_error};
 use super::source::{Source, open_file};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::body::{Body, Obstacle};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{CELL_SIZE, Error, Mesh, NodeType, Result};
+use m4gn_mesh::{CELL_SIZE, Mesh, NodeType};
 use m4gn_model::{Level, has_level};
+use m4gn_parallel::Comm;
 use std::path::{Path, PathBuf};
 
 /// Name of the field of a fluid's kinematic viscosity (m^2/s), and of its entry in the provenance, where it is the same everywhere.
@@ -331,7 +332,7 @@ pub fn list(path: &Path) -> Result<Vec<PathBuf>> {
     if files.is_empty() {
         return Err(Error::file(
             path,
-            "holds no trajectories (*.h5); 'm4gn generate' or m4gnHarvest make them",
+            "holds no trajectories (*.h5); 'm4gn generate' or m4gnRecorder make them",
         ));
     }
     files.sort();

@@ -5,8 +5,8 @@ use super::schema::{FORMAT, FieldMeta, Frame, LONG, NAME, Split, VERSION, h5_err
 use super::space::reserve;
 use super::superblock::clear_open_mark;
 use hdf5::Dataset;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::{Error, Result};
 use ndarray::{ArrayView1, ArrayView2};
 use rustix::fs::FlockOperation;
 use rustix::io::Errno;

@@ -93,11 +93,6 @@ impl Boundary {
         boundary
     }
 
-    /// Forgets the frames that were seen.
-    pub fn restart(&mut self) {
-        self.fields.iter_mut().for_each(|field| field.same.fill(true));
-    }
-
     /// Looks at a frame: rows of all components, cells and then boundary.
     pub fn see(&mut self, frame: &[f32]) {
         let scalars: Vec<usize> = (0..self.fields.len()).filter(|&k| !self.fields[k].vector).collect();

@@ -1,6 +1,6 @@
 //! Fields as a host has them.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 
 /// A field at one time on this rank. Vectors are three values (x, y, z) a row whatever the solved directions.
 #[derive(Clone, Copy, Debug)]

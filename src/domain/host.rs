@@ -1,14 +1,14 @@
 //! A domain in a host's run.
 
 use crate::body::BodyHost;
-use crate::body::projection::{ProjectionOptions, ProjectionReport};
 use crate::cells::CellsHost;
 use crate::{Domain, Field, Kind};
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::vector::Vector;
-use m4gn_mesh::{Error, Mesh, NodeType, Result};
+use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::modal::ModalSource;
 use m4gn_model::{ModelSpec, SegmentSpec, Solid};
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 use m4gn_structure::coarse::Coarse;
 
@@ -57,35 +57,6 @@ pub trait Host: Send {
         Err(Error::Input("the model is of fields at cells: it knows no obstacle that moves".into()))
     }
 
-    /// Takes the displacement one stride before the next step, m: of this rank's points, and of an obstacle's. Collective; all ranks
-    /// fail together.
-    ///
-    /// # Errors
-    /// As [`Host::set_obstacle`].
-    fn set_before(&mut self, _comm: &Comm, _body: &[Vector], _obstacle: &[Vector]) -> Result<()> {
-        Err(Error::Input("the model is of fields at cells: it reads nothing of the stride before".into()))
-    }
-
-    /// What the network lives on, cut by the segments of the host's nodes. `mesh` is the host's. Collective; all ranks fail together.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for labels that are no segments.
-    fn structure(
-        &self,
-        comm: &Comm,
-        mesh: &Mesh,
-        spec: &ModelSpec,
-        cut: (&SegmentSpec, &[i32]),
-    ) -> Result<Structure>;
-
-    /// The weights are others from now on.
-    fn weights_changed(&mut self) {}
-
-    /// What the projection did in the last step; none without one.
-    fn projection(&self) -> Option<&ProjectionReport> {
-        None
-    }
-
     /// What the elements are made of, where the domain says so itself.
     fn solid(&self) -> Option<&Solid> {
         None
@@ -108,8 +79,6 @@ pub struct HostOptions<'a> {
     pub resolution: Option<f64>,
     /// Segment of each of the host's nodes, computed before.
     pub labels: Option<&'a [i32]>,
-    /// Contact projection after each step.
-    pub projection: Option<&'a ProjectionOptions>,
     /// Whom segments ask for modes.
     pub modes: &'a dyn ModalSource,
 }
@@ -136,7 +105,7 @@ pub struct Hosted {
 /// [`Error::Model`] when the model does not fit the mesh (kind of domain, dimension, node types); [`Error::Mesh`] for a mesh that no graph
 /// can be made of, or an obstacle that overlaps the body at rest; [`Error::Input`] for options out of range; what the modes may fail with.
 pub fn open(mesh: &Mesh, spec: &ModelSpec, options: &HostOptions, comm: &Comm) -> Result<Hosted> {
-    comm.agree(fits(mesh, spec, options))?;
+    comm.agree(fits(mesh, spec))?;
     match Kind::of_model(spec) {
         Kind::Body => BodyHost::open(mesh, spec, options, comm),
         Kind::Cells => CellsHost::open(mesh, spec, options, comm),
@@ -144,7 +113,7 @@ pub fn open(mesh: &Mesh, spec: &ModelSpec, options: &HostOptions, comm: &Comm) -
 }
 
 /// Whether the model is of this kind of domain, and knows its directions and node types.
-fn fits(mesh: &Mesh, spec: &ModelSpec, options: &HostOptions) -> Result<()> {
+fn fits(mesh: &Mesh, spec: &ModelSpec) -> Result<()> {
     match (Kind::of_model(spec), Kind::of_mesh(mesh)) {
         (Kind::Body, Kind::Cells) => {
             return Err(Error::Model(
@@ -158,11 +127,6 @@ fn fits(mesh: &Mesh, spec: &ModelSpec, options: &HostOptions) -> Result<()> {
                 "the model is of fields at cells; a body at points needs one with `contact`, trained on trajectories at \
                  points"
                     .into(),
-            ));
-        }
-        (Kind::Cells, Kind::Cells) if options.projection.is_some() => {
-            return Err(Error::Input(
-                "projection: the model is of fields at cells, which no obstacle touches".into(),
             ));
         }
         _ => {}

@@ -1,9 +1,8 @@
 //! Which kind of domain a model or a mesh is of, and what follows from it alone.
 
 use crate::body::has_feature;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::whole::{Place, whole_mesh};
-use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_base::Result;
+use m4gn_mesh::Mesh;
 use m4gn_model::{ModalOperator, ModelSpec, SegmentSpec};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
@@ -113,18 +112,4 @@ pub fn shared(mesh: &Mesh) -> String {
         obstacle.triangles.hash(&mut hasher);
     }
     format!("{:?}\nobstacle {:x}", Kind::of_mesh(mesh), hasher.finish())
-}
-
-/// The undecomposed mesh of all ranks' parts, on each of them. Collective; all ranks fail together.
-///
-/// # Errors
-/// [`Error::Mesh`] for parts that do not fit together.
-pub fn whole(mesh: &Mesh, comm: &Comm) -> Result<Mesh> {
-    match Kind::of_mesh(mesh) {
-        Kind::Body => Ok(mesh.whole_body(comm)?.0.mesh(mesh.obstacle.as_ref())),
-        Kind::Cells => {
-            let whole = whole_mesh(comm, mesh, Place::Everywhere);
-            comm.agree(whole.unwrap_or_else(|| Err(Error::Internal("a mesh that is not everywhere".into()))))
-        }
-    }
 }

@@ -17,12 +17,13 @@ pub use boundary::{Boundary, as_seen, faces_seen_as_their_cells, impose};
 pub use components::Components;
 pub use field::{Field, FieldMut, OutputShape, expect_shape};
 pub use host::{Host, HostOptions, Hosted, Predict, open};
-pub use kind::{Kind, Statistics, check_kind, moves, operator, shared, whole};
+pub use kind::{Kind, Statistics, check_kind, moves, operator, shared};
 
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Mesh, Result};
+use m4gn_base::Result;
+use m4gn_mesh::Mesh;
 use m4gn_model::modal::ModalSource;
 use m4gn_model::{ModelSpec, SegmentSpec};
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 use m4gn_structure::coarse::Coarse;
 use std::fmt::Debug;
@@ -53,7 +54,7 @@ pub trait Domain: Debug + Send + Sync {
     /// their features there. Collective; all ranks fail together.
     ///
     /// # Errors
-    /// [`Error::Numerical`](m4gn_mesh::Error::Numerical) for a state that is not finite.
+    /// [`Error::Numerical`](m4gn_base::Error::Numerical) for a state that is not finite.
     fn set_edges(&self, _comm: &Comm, _state: &mut [f32], _structure: &mut Structure) -> Result<()> {
         Ok(())
     }
@@ -166,21 +167,20 @@ pub struct Place {
 
 impl Place {
     /// The domain of the model that `spec` describes on an undecomposed mesh, at a resolution (m) or a node a cell. `settings` say how
-    /// segments are cut, by those of the cells or points if `labels` give them.
+    /// segments are cut.
     ///
     /// # Errors
-    /// [`Error::Mesh`](m4gn_mesh::Error::Mesh) for a mesh or a body that no graph can be made of; for segments that cannot be found.
+    /// [`Error::Mesh`](m4gn_base::Error::Mesh) for a mesh or a body that no graph can be made of; for segments that cannot be found.
     pub fn whole(
         mesh: &Mesh,
         spec: &ModelSpec,
         settings: &SegmentSpec,
         resolution: Option<f64>,
-        labels: Option<&[i32]>,
         modes: &dyn ModalSource,
     ) -> Result<Self> {
         match Kind::of_model(spec) {
-            Kind::Body => body::place(mesh, spec, settings, labels, modes),
-            Kind::Cells => cells::place(mesh, spec, settings, resolution, labels, modes),
+            Kind::Body => body::place(mesh, spec, settings, modes),
+            Kind::Cells => cells::place(mesh, spec, settings, resolution, modes),
         }
     }
 }

@@ -8,7 +8,7 @@ use super::kernels::{
 };
 use super::linear::{self, Linear, Tail};
 use super::tiles::{Scratch, blocks};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_structure::Structure;
 

@@ -5,7 +5,7 @@ use super::order::Order;
 use super::pool::{Parts, Pool};
 use super::profile::Phase;
 use super::tiles::{self, Scratch, Tile};
-use m4gn_mesh::parallel::{Comm, Element, Halo};
+use m4gn_parallel::{Comm, Element, Halo};
 use m4gn_structure::graph::Graph;
 use std::time::Instant;
 

@@ -38,9 +38,9 @@ pub use processor::KEEP_ENCODED;
 pub use profile::{Phase, Profile};
 
 use kernels::Bf16;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
 use network::Network;
@@ -157,7 +157,7 @@ unsafe impl mpi::datatype::traits::Equivalence for Bf16 {
         u16::equivalent_datatype()
     }
 }
-impl m4gn_mesh::parallel::Element for Bf16 {}
+impl m4gn_parallel::Element for Bf16 {}
 
 /// Whether model and graph have the same number of dimensions, and the graph is one.
 fn check(model: &Model, graph: &Graph) -> Result<()> {

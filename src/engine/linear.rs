@@ -1,7 +1,7 @@
 //! Weights of linear layers and perceptrons in the order that the kernels read them.
 
 use super::kernels::{Addend, Function, Isa, Norm, Number, Output, Packed, padded, product};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::{Activation, Model};
 use std::ops::Range;
 

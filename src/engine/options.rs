@@ -2,9 +2,9 @@
 
 #[cfg(target_arch = "x86_64")]
 use super::kernels::has_tiles;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_model::Precision;
+use m4gn_parallel::Comm;
 use serde::{Deserialize, Serialize};
 
 /// What a case asks for: a precision, the faster one, or what suits the model.

@@ -102,7 +102,7 @@ fn cuthill_mckee(graph: &Graph) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use m4gn_mesh::parallel::Comm;
+    use m4gn_parallel::Comm;
     use m4gn_samples::mesh as sample;
 
     #[test]
@@ -139,7 +139,7 @@ mod tests {
             senders: vec![3, 1, 0, 2, 1],
             receivers: vec![0, 0, 1, 1, 2],
             edge_features: vec![0.0; 15],
-            halo: m4gn_mesh::parallel::Halo::empty(),
+            halo: m4gn_parallel::Halo::empty(),
         };
         let order = Order::new(&graph);
         assert_eq!((order.n_interior, order.node[2]), (2, 0));

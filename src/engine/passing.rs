@@ -7,7 +7,7 @@ use super::kernels::{
 use super::linear::{self, Tail};
 use super::profile::Phase;
 use super::tiles::{Scratch, Tile, WORLD};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::{Model, NodeSums};
 
 /// Weights of a layer.

@@ -10,9 +10,9 @@ use super::pool::{Parts, Pool};
 use super::recurrence::{Kept, Together, Unit, together};
 use super::tiles::{block, blocks};
 use super::transformer::{self, TransformerLayer};
-use m4gn_mesh::parallel::{Comm, Halo};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
+use m4gn_parallel::{Comm, Halo};
 use m4gn_structure::{Segmentation, Structure};
 
 /// Weights, members and buffers of the macro stage.

@@ -6,7 +6,7 @@ use super::kernels::{
 use super::linear::{self, Linear};
 use super::pool::{Parts, Pool};
 use super::tiles::{block, blocks};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::{MacroSpec, Model};
 
 /// One layer: attention and a point-wise network, each behind a layer norm and beside a residual.

@@ -1,6 +1,6 @@
 //! Arrays of numbers by name, whatever file they come from.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::collections::BTreeMap;
 use std::path::Path;
 

@@ -5,11 +5,12 @@
 
 use super::array::{Array, Arrays};
 use super::points::{interval, named};
+use m4gn_base::{Error, Result};
 use m4gn_data::{FieldMeta, Frame, Split, Trajectory, WriteOptions, Writer};
+use m4gn_mesh::NodeType;
 use m4gn_mesh::body::{Body, Material, Obstacle};
 use m4gn_mesh::elements::{ElementKind, Elements};
 use m4gn_mesh::vector::Vector;
-use m4gn_mesh::{Error, NodeType, Result};
 use serde_json::json;
 use std::path::Path;
 

@@ -4,7 +4,7 @@
 use super::array::{Array, Arrays};
 use super::npz::MOST_OF_A_BYTE;
 use hdf5::types::{FloatSize, IntSize, TypeDescriptor};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// Features that do not change, of which the first frame is read.

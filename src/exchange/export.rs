@@ -1,9 +1,9 @@
 //! Trajectories of m4gn as files that other programs read.
 
 use super::{bodies, npz, points};
+use m4gn_base::{Error, Result};
 use m4gn_data::Trajectory;
 use m4gn_mesh::vector::moved;
-use m4gn_mesh::{Error, Result};
 use m4gn_report::vtu::pvd;
 use m4gn_report::{Grid, write_file};
 use std::path::Path;

@@ -5,8 +5,8 @@ use super::copies::Copies;
 use super::points::Points;
 use super::tfrecord::TfRecord;
 use super::{Array, Arrays, npz, vtu};
+use m4gn_base::{Error, Result};
 use m4gn_data::Split;
-use m4gn_mesh::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// Poisson's ratio of bodies whose material is not known.

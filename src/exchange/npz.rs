@@ -4,7 +4,7 @@ use super::array::{Array, Arrays, Dtype};
 use flate2::Compression;
 use flate2::bufread::DeflateDecoder;
 use flate2::write::DeflateEncoder;
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use rawzip::{CompressionMethod, ZipArchive, ZipArchiveWriter};
 use std::io::{Read, Write};
 use std::path::Path;

@@ -5,9 +5,10 @@
 //! `normal` is a boundary face as well, at its own place, with the outward area of half of its boundary edges.
 
 use super::array::{Array, Arrays};
+use m4gn_base::{Error, Result};
 use m4gn_data::{FieldMeta, Frame, Split, Trajectory, WriteOptions, Writer};
 use m4gn_mesh::vector::{Vector, dot, norm, sub};
-use m4gn_mesh::{BoundaryFace, Error, Mesh, NodeType, Result};
+use m4gn_mesh::{BoundaryFace, Mesh, NodeType};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;

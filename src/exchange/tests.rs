@@ -5,8 +5,9 @@ use super::points::arrays;
 use super::records;
 use super::series::{WAYS, frame};
 use super::{Array, Arrays, npz, tfrecord::TfRecord};
+use m4gn_base::Result;
 use m4gn_data::{Split, Trajectory};
-use m4gn_mesh::{NodeType, Result};
+use m4gn_mesh::NodeType;
 use proptest::prelude::*;
 use std::path::{Path, PathBuf};
 

@@ -5,7 +5,7 @@
 //! `rotate_right(crc, 15) + 0xa282ead8`.
 
 use super::array::{Array, Arrays, Dtype};
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use serde_json::Value;
 use std::fs::File;
 use std::io::{BufReader, Read};

@@ -6,7 +6,7 @@ use super::npz::MOST_OF_A_BYTE;
 use super::{Array, Arrays};
 use base64::{Engine, engine::general_purpose::STANDARD};
 use flate2::bufread::ZlibDecoder;
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
 use std::borrow::Cow;

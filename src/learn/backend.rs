@@ -1,7 +1,7 @@
 //! What computes: gradients of batches, and rollouts for validation.
 
 use super::normaliser::Normaliser;
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 
 /// One training example: a trajectory, a frame to start from, and its random numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,4 +1,4 @@
-//! The settings of an optimisation: `[training]` of a configuration file, and what an adaptation makes of its own.
+//! The settings of an optimisation: `[training]` of a configuration file.
 
 use m4gn_engine::Precision;
 use m4gn_engine::backward::UpdateRule;

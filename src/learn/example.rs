@@ -4,8 +4,8 @@ use super::backend::{Batch, Example};
 use super::native::{Live, Moved, NativeBackend};
 use super::normaliser::Normaliser;
 use super::samples::Sample;
+use m4gn_base::Result;
 use m4gn_engine::backward::{InputGradient, Scales, Worker, normal};
-use m4gn_mesh::Result;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

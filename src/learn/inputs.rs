@@ -2,8 +2,8 @@
 
 use super::normaliser::Moments;
 use super::workload::Workload;
+use m4gn_base::Result;
 use m4gn_domain::Components;
-use m4gn_mesh::Result;
 use m4gn_model::{FieldSpec, Model, ModelSpec};
 
 /// Whether `new` has the fields of `old`, and after them none but inputs that are not predicted.

@@ -6,6 +6,7 @@
 
 mod backend;
 mod config;
+pub mod data_parallel;
 mod example;
 pub mod inputs;
 mod native;
@@ -13,7 +14,6 @@ pub mod normaliser;
 pub mod rollout;
 pub mod samples;
 mod state;
-pub mod together;
 mod workload;
 
 pub use backend::{Backend, Batch, Example, Learned, Rollout};

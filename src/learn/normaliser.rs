@@ -1,9 +1,9 @@
 //! Online normalisers: mean and standard deviation of inputs, edge features and outputs, accumulated in f64
 //! over the first batches, then frozen.
 
+use m4gn_base::{Error, Result};
 use m4gn_domain::Statistics;
 use m4gn_engine::backward::{Scale, Scales};
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec, Tensor};
 use std::collections::BTreeMap;
 

@@ -2,11 +2,11 @@
 
 use super::backend::Rollout;
 use super::native::NativeBackend;
+use m4gn_base::Result;
 use m4gn_domain::Predict;
 use m4gn_engine::{Engine, EngineOptions};
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
 use m4gn_model::Model;
+use m4gn_parallel::Comm;
 use m4gn_step::Stepper;
 use std::borrow::Cow;
 

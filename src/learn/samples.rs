@@ -1,10 +1,11 @@
 //! Trajectories to learn from: fields, graphs and segments, made by the functions that the session uses.
 
-use m4gn_domain::{Domain, Place, as_seen, faces_seen_as_their_cells};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Mesh, Result};
+use m4gn_base::Result;
+use m4gn_domain::{Domain, Place};
+use m4gn_mesh::Mesh;
 use m4gn_model::{Extent, ModelSpec, SegmentSpec};
 use m4gn_modes::Modal;
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 use m4gn_structure::coarse::Coarse;
 use std::borrow::Cow;
@@ -17,7 +18,7 @@ pub trait FrameSource: Debug + Send + Sync {
     /// `[nodes x components]`.
     ///
     /// # Errors
-    /// [`Error::File`](m4gn_mesh::Error::File) for a frame that cannot be read.
+    /// [`Error::File`](m4gn_base::Error::File) for a frame that cannot be read.
     fn frame(&self, frame: usize) -> Result<Vec<f32>>;
 }
 
@@ -45,8 +46,7 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// Of an undecomposed mesh, without frames, at a resolution (m) or a node a cell. `labels` are segments of the cells, or of the
-    /// points of a body, computed before.
+    /// Of an undecomposed mesh, without frames, at a resolution (m) or a node a cell.
     ///
     /// # Errors
     /// As [`Place::whole`].
@@ -55,10 +55,9 @@ impl Sample {
         spec: &ModelSpec,
         segments: &SegmentSpec,
         resolution: Option<f64>,
-        labels: Option<&[i32]>,
     ) -> Result<Self> {
         let modal = Modal(segments.modal());
-        let place = Place::whole(mesh, spec, segments, resolution, labels, &modal)?;
+        let place = Place::whole(mesh, spec, segments, resolution, &modal)?;
         Ok(Sample {
             width: place.domain.components().count,
             domain: place.domain,
@@ -72,16 +71,6 @@ impl Sample {
         })
     }
 
-    /// Appends a frame of the mesh that the sample was made of: all fields, cells and then boundary nodes
-    /// `[(C + B) x components]`, as the solver has them.
-    pub fn push(&mut self, mesh: &Mesh, spec: &ModelSpec, mut frame: Vec<f32>) {
-        let as_cells = faces_seen_as_their_cells(mesh);
-        as_seen(&as_cells, &spec.fields, spec.dim, mesh.cell_global.len(), &mut frame);
-        let frame = self.at_nodes(frame);
-        self.frames.extend(frame);
-        self.n_frames += 1;
-    }
-
     /// A frame of the cells at the nodes of the network, which may be groups of cells.
     pub fn at_nodes(&self, frame: Vec<f32>) -> Vec<f32> {
         match &self.coarse {
@@ -90,19 +79,10 @@ impl Sample {
         }
     }
 
-    /// Lets those boundary values follow their owners' that do so in all frames in memory.
-    pub fn settle_boundary(&mut self) {
-        let size = self.structure.graph.n_owned * self.width;
-        let boundary = self.domain.boundary_mut();
-        boundary.restart();
-        self.frames.chunks_exact(size).for_each(|frame| boundary.see(frame));
-        boundary.settle();
-    }
-
     /// All fields of a frame: cells, then boundary nodes.
     ///
     /// # Errors
-    /// [`Error::File`](m4gn_mesh::Error::File) where the frame has to be read, and cannot be.
+    /// [`Error::File`](m4gn_base::Error::File) where the frame has to be read, and cannot be.
     pub fn frame(&self, frame: usize) -> Result<Cow<'_, [f32]>> {
         let size = self.structure.graph.n_owned * self.width;
         match &self.source {

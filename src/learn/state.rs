@@ -1,7 +1,7 @@
 //! States of a trajectory: its frames, reflected if asked for.
 
 use super::samples::Sample;
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 
 impl Sample {
     /// The state of a frame, reflected in the second direction if asked for.

@@ -35,7 +35,7 @@ fn bar(spec: &ModelSpec) -> (Workload, Body) {
 fn bending(body: Body, spec: &ModelSpec) -> (Workload, Body) {
     let obstacle = m4gn_samples::bodies::octahedron([2.6, 0.5, 9.0], 0.5);
     let mesh = body.mesh(Some(&obstacle));
-    let mut sample = Sample::of_mesh(&mesh, spec, &spec.segments, None, None).unwrap();
+    let mut sample = Sample::of_mesh(&mesh, spec, &spec.segments, None).unwrap();
     sample.n_frames = 12;
     for frame in 0..sample.n_frames {
         let points = body.positions.iter().flat_map(|x| displacement(*x, frame));

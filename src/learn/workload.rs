@@ -1,8 +1,8 @@
 //! The trajectories of a training.
 
 use super::samples::Sample;
+use m4gn_base::Result;
 use m4gn_domain::Components;
-use m4gn_mesh::Result;
 use m4gn_model::ModelSpec;
 use std::sync::Arc;
 

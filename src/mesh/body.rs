@@ -1,10 +1,11 @@
 //! A body that deforms, by its points, and a rigid obstacle that may touch it.
 
 use crate::elements::{ElementKind, Elements};
-use crate::parallel::{Comm, everywhere};
 use crate::surface::Surface;
 use crate::vector::{Vector, cross, moved, norm, sub};
-use crate::{Error, Mesh, NodeType, Result};
+use crate::{Mesh, NodeType};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::{Comm, everywhere};
 
 /// Isotropic material of an element.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]

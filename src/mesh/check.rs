@@ -1,8 +1,8 @@
 //! Is a mesh whole? Everything that later code relies on is checked here once, with the place named.
 
-use crate::parallel::Comm;
 use crate::{ElasticModes, Mesh, NodeType};
-use crate::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 
 /// Sizes of a mesh over all ranks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,8 @@
 //! What lies behind coupled faces: cells of other ranks (ghosts), or cells of this rank through a cyclic.
 
-use crate::parallel::{Comm, Halo};
-use crate::{CoupledFace, Error, Mesh, Result};
+use crate::{CoupledFace, Mesh};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::{Comm, Halo};
 use std::collections::HashMap;
 
 /// Cells of other ranks that this rank's coupled faces lead to, and how their values come here.

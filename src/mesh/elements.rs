@@ -1,7 +1,7 @@
 //! Linear elements in three dimensions: faces, edges, sizes.
 
 use crate::vector::{Vector, cross, dot, sub};
-use crate::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::collections::BTreeMap;
 
 /// A linear element; the codes are VTK's.

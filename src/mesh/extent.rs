@@ -1,7 +1,7 @@
 //! The box around a mesh.
 
 use crate::Mesh;
-use crate::parallel::Comm;
+use m4gn_parallel::Comm;
 
 /// Box around all cell centres and boundary face centres, over all ranks, m.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,9 +1,8 @@
-//! The solver's mesh as plain arrays, the ranks that share it, and the errors of all crates.
+//! The solver's mesh as plain arrays, bodies, geometry and searches.
 //!
 //! Everything downstream (graph, modes, segments, data set) is made from the one description [`Mesh`]: cells, faces
 //! between them, boundary faces, coupled faces. A mesh recorded in a data set and a mesh met inside a solver give the
-//! same graph. [`parallel`] has the communicator and the halo exchange, [`plugin`] loads the project's own libraries,
-//! and [`ffi`] is the only caller of MPI's C interface.
+//! same graph. [`ffi`] takes it from a host.
 
 pub mod block;
 pub mod body;
@@ -11,13 +10,9 @@ mod cell_sizes;
 mod check;
 mod coupled;
 pub mod elements;
-mod error;
 mod extent;
 pub mod ffi;
-pub mod files;
 pub mod nearest;
-pub mod parallel;
-pub mod plugin;
 pub mod surface;
 pub mod vector;
 pub mod whole;
@@ -33,8 +28,8 @@ use body::{BodyShare, Obstacle};
 pub use cell_sizes::CELL_SIZE;
 pub use check::GlobalSizes;
 pub use coupled::Ghosts;
-pub use error::{Error, Result};
 pub use extent::Extent;
+use m4gn_base::{Error, Result};
 
 /// What a node of the graph stands for; the one-hot part of the node features (paper, table 2, `n_i`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]

@@ -2,7 +2,7 @@
 
 use crate::nearest::widest;
 use crate::vector::{Vector, cross, dot, norm, sub};
-use crate::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::collections::HashMap;
 
 /// A closed surface whose triangles turn so that normals leave the body.
@@ -136,21 +136,14 @@ impl Surface {
         self.search(x, f64::INFINITY, |_| true, |_| true)
     }
 
-    /// The place nearest to x among triangles that face `against` a direction, are nearer than `limit`, m, and that `take`
-    /// accepts.
-    pub fn foot_against(
-        &self,
-        x: Vector,
-        limit: f64,
-        against: Against,
-        take: impl Fn(usize) -> bool,
-    ) -> Option<Foot> {
+    /// The place nearest to x among triangles that face `against` a direction and are nearer than `limit`, m.
+    pub fn foot_against(&self, x: Vector, limit: f64, against: Against) -> Option<Foot> {
         let Against { direction: d, cosine } = against;
         let may = |node: &Node| {
             let [low, high] = node.normals;
             (0..3).map(|i| (low[i] * d[i]).min(high[i] * d[i])).sum::<f64>() < cosine
         };
-        self.search(x, limit, may, |t| dot(self.faces[t], d) < cosine && take(t))
+        self.search(x, limit, may, |t| dot(self.faces[t], d) < cosine)
     }
 
     fn search(

@@ -1,28 +1,15 @@
 //! The undecomposed mesh of a solver that runs on several ranks.
 
-use crate::parallel::{Comm, Element, everywhere};
-use crate::{BoundaryFace, CoupledFace, ElasticModes, Error, Mesh, NodeType, Result};
+use crate::{BoundaryFace, CoupledFace, ElasticModes, Mesh, NodeType};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::{Comm, Element};
 
-/// Where something of all ranks is put together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
-    /// On the first rank.
-    Root,
-    /// On all ranks.
-    Everywhere,
+/// The lists of all ranks, one after the other, on the first one. Collective.
+fn collect<T: Element>(comm: &Comm, local: &[T]) -> Option<Vec<T>> {
+    comm.gather(local).map(|lists| lists.concat())
 }
 
-impl Place {
-    /// The lists of all ranks, one after the other. Collective.
-    fn collect<T: Element>(self, comm: &Comm, local: &[T]) -> Option<Vec<T>> {
-        match self {
-            Place::Root => comm.gather(local).map(|lists| lists.concat()),
-            Place::Everywhere => Some(everywhere(comm, local)),
-        }
-    }
-}
-
-/// The undecomposed mesh, where it is wanted; none elsewhere. Collective.
+/// The undecomposed mesh, on the first rank; none elsewhere. Collective.
 ///
 /// Cells and boundary faces are in the order of their global numbers, faces in that of their cells, whatever the number of
 /// ranks. Faces between ranks become internal faces again; they are told from cyclic faces by their geometry: the
@@ -30,35 +17,35 @@ impl Place {
 ///
 /// # Errors
 /// [`Error::Mesh`] when the global numbers of cells or boundary faces are no permutation.
-pub fn whole_mesh(comm: &Comm, mesh: &Mesh, place: Place) -> Option<Result<Mesh>> {
+pub fn whole_mesh(comm: &Comm, mesh: &Mesh) -> Option<Result<Mesh>> {
     let global = |cell: i32| mesh.cell_global.get(cell as usize).copied().unwrap_or(-1);
-    let centres = place.collect(comm, &flat(mesh.cell_centres.iter()));
-    let volumes = place.collect(comm, &mesh.cell_volumes);
-    let cells = place.collect(comm, &mesh.cell_global);
+    let centres = collect(comm, &flat(mesh.cell_centres.iter()));
+    let volumes = collect(comm, &mesh.cell_volumes);
+    let cells = collect(comm, &mesh.cell_global);
     let pairs: Vec<i64> = mesh
         .face_owner
         .iter()
         .zip(&mesh.face_neighbour)
         .flat_map(|(&o, &n)| [global(o), global(n)])
         .collect();
-    let pairs = place.collect(comm, &pairs);
-    let coeff = place.collect(comm, &mesh.face_coeff);
+    let pairs = collect(comm, &pairs);
+    let coeff = collect(comm, &mesh.face_coeff);
     let b = &mesh.boundary;
     let labels: Vec<i64> =
         b.iter().flat_map(|f| [f.global, global(f.owner), f.kind as i64, i64::from(f.patch)]).collect();
-    let labels = place.collect(comm, &labels);
+    let labels = collect(comm, &labels);
     let reals: Vec<f64> =
         b.iter().flat_map(|f| f.centre.into_iter().chain(f.area).chain([f.coeff])).collect();
-    let reals = place.collect(comm, &reals);
+    let reals = collect(comm, &reals);
     let coupled: Vec<i64> = mesh.coupled.iter().flat_map(|f| [global(f.owner), f.global]).collect();
-    let coupled = place.collect(comm, &coupled);
+    let coupled = collect(comm, &coupled);
     let deltas: Vec<f64> = mesh.coupled.iter().flat_map(|f| f.delta.into_iter().chain([f.coeff])).collect();
-    let deltas = place.collect(comm, &deltas);
+    let deltas = collect(comm, &deltas);
     // Cell by cell, all modes of each.
     let modes: Vec<f64> = (0..mesh.n_cells())
         .flat_map(|c| mesh.elastic.iter().flat_map(move |e| e.vectors.iter().flat_map(move |v| v[c])))
         .collect();
-    let modes = place.collect(comm, &modes);
+    let modes = collect(comm, &modes);
 
     let cells = cells?;
     let n = cells.len();

@@ -4,7 +4,7 @@
 //! [`Kind`] says what advances the nodes' latents between the two.
 
 use super::{MicroSpec, NodeSums, WorldEdges};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Macro stage: transformer over segments (section 3.4).
@@ -252,13 +252,13 @@ pub struct ArchitectureKeys {
     /// As [`Architecture::activation`].
     pub activation: Activation,
     /// As [`MicroSpec::node_sums`].
-    #[serde(default, skip_serializing_if = "crate::settings::is_default")]
+    #[serde(default, skip_serializing_if = "m4gn_base::settings::is_default")]
     pub node_sums: NodeSums,
     /// As [`MicroSpec::world_edges`].
-    #[serde(default, skip_serializing_if = "crate::settings::is_default")]
+    #[serde(default, skip_serializing_if = "m4gn_base::settings::is_default")]
     pub world_edges: WorldEdges,
     /// As [`MicroSpec::node_rwse_steps`].
-    #[serde(default, skip_serializing_if = "crate::settings::is_default")]
+    #[serde(default, skip_serializing_if = "m4gn_base::settings::is_default")]
     pub node_rwse_steps: usize,
     /// Of a network without a macro stage.
     #[serde(default, skip_serializing_if = "Option::is_none")]

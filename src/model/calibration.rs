@@ -2,7 +2,7 @@
 //! model's description (`m4gn calibrate` writes it). From it and one stride that solver and surrogate both take, a controller tells
 //! how far a jump may go.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Largest growth over one stride that means anything: beyond it no tolerance allows a jump, and the data hold what is out of range.
@@ -38,9 +38,8 @@ pub struct Growth {
     pub factors: Vec<f64>,
 }
 
-/// The growth of all predicted fields' errors.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// The growth of all predicted fields' errors. Entries of a file that are not known are left out.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
     /// Share of the rollouts on a new trajectory, drawn like these, whose errors are not larger than what the factors say.
     pub coverage: f64,
@@ -50,10 +49,6 @@ pub struct Calibration {
     pub rollouts: usize,
     /// Of each predicted field.
     pub growth: Vec<Growth>,
-    /// Of a model of bodies: how much of what the network was off by over the stride before a hand-over, by which the first stride
-    /// after it is corrected, is carried on from each stride to the next one. 0: nothing is corrected; 1: all strides are alike.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub carried: Option<f64>,
 }
 
 impl Calibration {
@@ -88,8 +83,7 @@ impl Calibration {
             }
             Growth { field, factors }
         });
-        let calibration =
-            Calibration { coverage, trajectories, rollouts, growth: growth.collect(), carried: None };
+        let calibration = Calibration { coverage, trajectories, rollouts, growth: growth.collect() };
         let first = |g: &&Growth| g.factors.first().is_some_and(|f| f.is_nan() || *f > MOST);
         match calibration.growth.iter().find(first) {
             None => Ok(calibration),
@@ -102,9 +96,6 @@ impl Calibration {
 
     /// What is wrong in it, with the entry that it is about.
     pub(super) fn fault(&self) -> Option<String> {
-        if let Some(part) = self.carried.filter(|part| !(0.0..=1.0).contains(part)) {
-            return Some(format!("carried: expected a part between 0 and 1, found {part}"));
-        }
         if !(0.0..1.0).contains(&self.coverage) {
             return Some(format!(
                 "coverage: expected a share of at least 0 and below 1, found {}",
@@ -120,11 +111,6 @@ impl Calibration {
                 growth.field
             ))
         })
-    }
-
-    /// With what is carried on alone: what a measurement of growth begins from.
-    pub fn of_carried(part: f64) -> Self {
-        Calibration { coverage: 0.0, trajectories: 0, rollouts: 0, growth: Vec::new(), carried: Some(part) }
     }
 
     /// The largest coverage that so many trajectories can tell of.
@@ -172,7 +158,6 @@ mod tests {
             trajectories: 9,
             rollouts: 9,
             growth: vec![Growth { field: "U".into(), factors: factors.to_vec() }],
-            carried: None,
         };
         assert_eq!(of(&[0.5, 2.0, 2.0]).fault(), None);
         for bad in [&[0.0][..], &[1e-300, 1.0], &[-1.0], &[1.0, f64::INFINITY], &[f64::NAN], &[2.0, 1.0]] {
@@ -201,6 +186,8 @@ mod tests {
         assert_eq!(c.factors("p"), None);
         let json = serde_json::to_string(&c).unwrap();
         assert_eq!(serde_json::from_str::<Calibration>(&json).unwrap(), c);
+        let with_more = json.replacen('{', r#"{"carried":0.95,"#, 1);
+        assert_eq!(serde_json::from_str::<Calibration>(&with_more).unwrap(), c);
     }
 
     #[test]

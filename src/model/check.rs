@@ -1,7 +1,7 @@
 //! What a model's description must satisfy before anything is made from it.
 
 use super::{Architecture, Kind, MacroSpec, ModelSpec, NodeSums, Output, Precision, WorldEdges};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 
 /// Version of the header schema that this library reads and writes.
 const FORMAT: u32 = 1;
@@ -233,14 +233,14 @@ mod tests {
 
     fn grows(fields: &[&str]) -> Option<Calibration> {
         let growth = fields.iter().map(|f| Growth { field: (*f).into(), factors: vec![1.0] });
-        Some(Calibration { growth: growth.collect(), ..Calibration::of_carried(1.0) })
+        Some(Calibration { growth: growth.collect(), ..Calibration::default() })
     }
 
     #[test]
     fn refuses_what_no_network_can_be_made_of() {
         assert!(spec().check().is_ok());
         type Change = fn(&mut crate::ModelSpec);
-        let broken: [(&str, Change); 26] = [
+        let broken: [(&str, Change); 25] = [
             ("format", |s| s.format = 2),
             ("dim", |s| s.dim = 1),
             ("stride", |s| s.stride = f64::NAN),
@@ -284,7 +284,6 @@ mod tests {
             }),
             ("each once, found T", |s| s.calibration = grows(&["T"])),
             ("each once, found U", |s| s.calibration = grows(&["U", "U"])),
-            ("calibration.carried", |s| s.calibration = Some(Calibration::of_carried(1.5))),
             ("segments.count", |s| s.segments.count = 0),
         ];
         for (word, change) in broken {

@@ -3,7 +3,7 @@
 //! A file is data only: nothing in it is run, every length is checked against the file before it is used.
 
 use super::{Model, ModelSpec, Tensor};
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use safetensors::tensor::{Dtype, Metadata, TensorView};
 use safetensors::{SafeTensorError, SafeTensors};
 use std::collections::{BTreeMap, HashMap};
@@ -118,7 +118,7 @@ impl Model {
         let path = path.as_ref();
         self.check()?;
         let bytes = self.to_bytes()?;
-        m4gn_mesh::files::write_whole(path, &bytes)
+        m4gn_base::files::write_whole(path, &bytes)
     }
 }
 

@@ -1,8 +1,8 @@
 //! The level of a pressure: an incompressible flow knows the differences of its pressure alone.
 
 use crate::FieldSpec;
-use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{Mesh, NodeType};
+use m4gn_parallel::Comm;
 
 /// Whether a field has a level that its flow does not know: a kinematic pressure (`p`, `p_rgh`).
 pub fn has_level(name: &str, vector: bool, dimensions: [i32; 7]) -> bool {

@@ -11,7 +11,6 @@ mod nodes;
 mod precision;
 mod resolution;
 mod segmentation;
-pub mod settings;
 mod solid;
 pub mod tensor_file;
 mod tensors;

@@ -1,9 +1,9 @@
 //! Modes of a mesh: how many, how they are solved for, and who can be asked for them.
 
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::body::Body;
-use m4gn_mesh::parallel::{Comm, same_on_all_ranks};
-use m4gn_mesh::{Error, Result};
+use m4gn_parallel::{Comm, same_on_all_ranks};
 use serde::{Deserialize, Serialize};
 
 /// The way to the eigenpairs.

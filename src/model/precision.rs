@@ -1,6 +1,6 @@
 //! In what a network's products are computed: part of a model's description.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// In what the network's products are computed. Sums, norms and softmax are in fp32 in either.

@@ -1,6 +1,6 @@
 //! At which resolution a network runs in a case.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// What a case says about the graph's resolution: a word or a length, m.

@@ -1,9 +1,9 @@
 //! How the mesh is cut into segments: part of a model's description and of a training configuration.
 
 use crate::modal::{ModalOptions, ModalSolver};
-use crate::settings::{self, object};
+use m4gn_base::settings::{self, object};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::{Error, Result};
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 use std::fmt;
@@ -103,54 +103,6 @@ impl ModalOperator {
     }
 }
 
-/// How the mesh is cut into segments (Algorithms 1 and 2).
-///
-/// A description without the key `connected` has it true, as [`Default`]; a model file without it was trained
-/// before there was such a key, and has it false.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SegmentSpec {
-    /// METIS alone or a variant of SLIC.
-    pub method: SegmentMethod,
-    /// Number of segments, K.
-    pub count: usize,
-    /// Number of modes used as features, m.
-    pub modes: usize,
-    /// Whose modes; none: the elastic body's where the mesh has them, else the Laplacian's. A training writes down
-    /// which it took.
-    pub operator: Option<ModalOperator>,
-    /// Compactness tau of eq. 8.
-    pub tau: f64,
-    /// Average cluster size S of Algorithm 2, m; none: sqrt(domain area / K) (cube root in 3-D).
-    pub size: Option<f64>,
-    /// Largest number of SLIC sweeps.
-    pub iterations: usize,
-    /// Whether pieces that do not hang together with the largest of their segment go to a neighbour. False
-    /// is the paper's algorithm.
-    pub connected: bool,
-    /// Length l over which the distance d to the obstacle is taken, m: the feature is S log(d/l), to which l does not
-    /// matter, or S exp(-d/l). None: S. Zero: off, log d and exp(-d) with d in metres as in eq. 14.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub distance_scale: Option<f64>,
-    /// Whether a mode enters as S times itself, so that a change by its root mean square counts as one cluster size. False
-    /// is the paper's feature: the mode alone, with positions in m.
-    #[serde(skip_serializing_if = "is_true")]
-    pub scaled_modes: bool,
-    /// By how much of S a centroid must be nearer to take a cell away: ties of symmetric meshes stay where they are, instead
-    /// of following the last bit of an eigenvector. 0 is the paper's algorithm.
-    #[serde(skip_serializing_if = "is_default_margin")]
-    pub margin: f64,
-    /// Patches that are the obstacle, by name. Empty: the faces of node type obstacle; where there are none, the
-    /// wall patches that do not reach the box around the mesh; where there are none either, all walls.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub obstacles: Vec<String>,
-    /// Overlap delta of section 3.3.1, in layers of neighbours.
-    pub overlap: usize,
-    /// The way to the modes.
-    #[serde(skip_serializing_if = "crate::settings::is_default")]
-    pub modal_solver: ModalSolver,
-}
-
 /// The entry that says how the modes are computed, and nothing of what the segments are.
 const WAY: &str = "modal_solver";
 
@@ -165,24 +117,51 @@ fn is_default_margin(value: &f64) -> bool {
     *value == MARGIN
 }
 
-impl Default for SegmentSpec {
-    fn default() -> Self {
-        SegmentSpec {
-            method: SegmentMethod::Slic,
-            count: 36,
-            modes: 6,
-            operator: None,
-            tau: 1.0,
-            size: None,
-            iterations: 20,
-            connected: true,
-            distance_scale: None,
-            scaled_modes: true,
-            margin: MARGIN,
-            obstacles: Vec::new(),
-            overlap: 0,
-            modal_solver: ModalSolver::default(),
-        }
+m4gn_base::settings! {
+    /// How the mesh is cut into segments (Algorithms 1 and 2).
+    ///
+    /// A description without the key `connected` has it true, as [`Default`]; a model file without it was trained
+    /// before there was such a key, and has it false.
+    pub struct SegmentSpec in "segments" {
+        /// `metis`, METIS alone; `slic-md`, METIS refined by SLIC on modes and positions; `slic-mdodl` or `slic-mdode`, with the
+        /// logarithm or the exponential of the distance to the obstacle as well (eq. 14).
+        pub method: SegmentMethod = SegmentMethod::Slic;
+        /// Number of segments K.
+        pub count: usize = 36;
+        /// Number of modes m that SLIC uses.
+        pub modes: usize = 6;
+        // A training writes down which it took.
+        /// Whose modes: `elastic`, the body's (eq. 5), or `laplacian`, the mesh's (eq. 6).
+        pub operator: Option<ModalOperator> = None, "`elastic` where there is a displacement and the material is known";
+        /// Weight of positions against modes, tau of eq. 8.
+        pub tau: f64 = 1.0;
+        /// Size S of a segment in Algorithm 2.
+        pub size: Option<f64> [m] = None, "from K";
+        /// Most sweeps of SLIC, up to 10000.
+        pub iterations: usize = 20;
+        /// Whether pieces that do not hang together with the largest of their segment go to a neighbour, which the paper's algorithm
+        /// does not do.
+        pub connected: bool = true;
+        // The feature is S log(d/l), to which l does not matter, or S exp(-d/l).
+        /// Length over which the distance to the obstacle is taken; 0: off, distances in metres as in the paper.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub distance_scale: Option<f64> [m] = None, "S";
+        // So a change of a mode by its root mean square counts as one cluster size.
+        /// Whether modes enter as S times themselves, in place of as they are, beside positions in metres (the paper).
+        #[serde(skip_serializing_if = "is_true")]
+        pub scaled_modes: bool = true;
+        /// By how much of S a centroid must be nearer to take a cell away, so that ties of symmetric meshes stay where they are; 0 is
+        /// the paper's algorithm.
+        #[serde(skip_serializing_if = "is_default_margin")]
+        pub margin: f64 = MARGIN;
+        /// Patches that are the obstacle.
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        pub obstacles: Vec<String> = Vec::new(), "those of node type obstacle, else walls within the box around the mesh, else all walls";
+        /// Layers of neighbours that segments reach into each other.
+        pub overlap: usize = 0;
+        /// The way to the modes: `auto` (by size), `direct` (factorisation) or `iterative` (multigrid).
+        #[serde(skip_serializing_if = "m4gn_base::settings::is_default")]
+        pub modal_solver: ModalSolver = ModalSolver::default();
     }
 }
 
@@ -352,7 +331,8 @@ mod tests {
 
     #[test]
     fn entries_go_over_a_description() {
-        let entries = |text: &str| crate::settings::parse::<SegmentEntries>("segments", text, &[]).unwrap();
+        let entries =
+            |text: &str| m4gn_base::settings::parse::<SegmentEntries>("segments", text, &[]).unwrap();
         let base = SegmentSpec { tau: 0.5, size: Some(0.1), ..SegmentSpec::default() };
         assert_eq!(entries("{}").over(&base).unwrap(), base);
         let given = entries(r#"{"count": 9, "size": null, "modalSolver": "direct"}"#);

@@ -1,8 +1,8 @@
 //! Named arrays of numbers with a JSON description, in a safetensors file: what checkpoints and states are kept in. Behind the description
 //! stands a line with the CRC-32 of it and of all names and arrays, in eight hexadecimal digits.
 
-use m4gn_mesh::files::write_whole;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::files::write_whole;
+use m4gn_base::{Error, Result};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::Serialize;
 use serde::de::DeserializeOwned;

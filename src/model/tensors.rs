@@ -1,7 +1,7 @@
 //! The weights: names, shapes, and their check against the description.
 
 use super::{Activation, Architecture, Kind, M4gn, ModelSpec};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use rand::{RngExt, SeedableRng};
 use std::collections::BTreeMap;
 

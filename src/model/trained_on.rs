@@ -2,7 +2,7 @@
 
 use crate::solid::{Solid, range};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
+use m4gn_parallel::Comm;
 use serde::{Deserialize, Serialize};
 
 /// What lies outside a range by more than this share of it is reported.

@@ -2,9 +2,9 @@
 
 use super::frame::Frame;
 use super::problem::{Mass, Problem, Rows};
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::Result;
 use m4gn_mesh::{Extent, Ghosts, Mesh};
+use m4gn_parallel::Comm;
 
 /// K phi = lambda V phi of eq. 6, and where the cells are. Collective.
 pub(super) fn laplacian<'a>(mesh: &'a Mesh, comm: &Comm) -> Result<(Problem, Frame<'a>)> {

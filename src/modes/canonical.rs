@@ -2,7 +2,7 @@
 
 use super::frame::Frame;
 use super::pair::Pair;
-use m4gn_mesh::parallel::Comm;
+use m4gn_parallel::Comm;
 
 /// Test functions tried at most, and at most for each vector of a space.
 const CANDIDATES: (usize, usize) = (24, 8);

@@ -4,8 +4,8 @@ use super::gathered::{self, Gathered, Triplet};
 use super::pair::Pair;
 use super::problem::Problem;
 use faer::{Mat, MatRef, Side};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 
 /// All finite eigenpairs, those nearest to `shift` first; the root solves and tells the others. Collective.
 ///

@@ -13,9 +13,9 @@
 
 use crate::pair::Pair;
 use crate::{Mass, Problem, Request, Rows};
-use m4gn_mesh::parallel::{self, Comm};
-use m4gn_mesh::plugin::{Description, Plugin};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::plugin::{Description, Plugin};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 use std::ffi::c_void;
 use std::sync::OnceLock;
 
@@ -110,7 +110,7 @@ pub(crate) fn eigenpairs(comm: &Comm, problem: &mut ProblemRef, request: &Reques
     });
     let (library, call) = comm.agree(prepared)?;
     // PETSc needs MPI on a rank alone too, and whoever starts MPI ends it.
-    comm.agree(parallel::start())?;
+    comm.agree(m4gn_parallel::start())?;
     announce_end();
     let raw = {
         let problem = problem.get();
@@ -165,7 +165,7 @@ impl ProblemRef<'_> {
 fn announce_end() {
     static ONCE: std::sync::Once = std::sync::Once::new();
     ONCE.call_once(|| {
-        parallel::before_finalize(|| {
+        m4gn_parallel::before_finalize(|| {
             if let Ok(library) = library()
                 // SAFETY: the type is that of the interface.
                 && let Ok(end) = unsafe { library.function::<unsafe extern "C" fn()>("m4gn_slepc_finalize") }

@@ -2,7 +2,7 @@
 
 use super::problem::Problem;
 use m4gn_mesh::Extent;
-use m4gn_mesh::parallel::Comm;
+use m4gn_parallel::Comm;
 
 /// Positions of this rank's points, or their numbers in place of positions.
 pub(super) struct Frame<'a> {

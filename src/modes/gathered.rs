@@ -2,8 +2,8 @@
 
 use super::pair::Pair;
 use super::problem::{Mass, Problem, Rows};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 
 /// Entries of a symmetric matrix may differ from their mirror images by this, relative to the largest entry.
 const ASYMMETRY: f64 = 1e-8;

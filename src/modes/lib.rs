@@ -26,10 +26,11 @@ pub use problem::{Mass, Problem, Rows};
 
 use eigen::ProblemRef;
 use frame::Frame;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::body::Body;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{ElasticModes, Error, Mesh, Result};
+use m4gn_mesh::{ElasticModes, Mesh};
 use m4gn_model::modal::{ModalOptions, ModalSource, Modes};
+use m4gn_parallel::Comm;
 use pair::Pair;
 use std::borrow::Cow;
 
@@ -69,7 +70,7 @@ pub fn negative_mass(why: &str) -> Error {
 /// The pair of matrices of the Laplacian modes, eq. 6. Collective; all ranks fail together.
 ///
 /// # Errors
-/// [`m4gn_mesh::Error::Mesh`] for coupled faces whose other side is not found.
+/// [`m4gn_base::Error::Mesh`] for coupled faces whose other side is not found.
 pub fn laplacian(mesh: &Mesh, comm: &Comm) -> Result<Problem> {
     let (mut problem, _) = assemble::laplacian(mesh, comm)?;
     problem.positions.clone_from(&mesh.cell_centres);
@@ -82,8 +83,8 @@ pub fn laplacian(mesh: &Mesh, comm: &Comm) -> Result<Problem> {
 /// fewer. Without Dirichlet boundaries (all cyclic) the first mode is the constant one with eigenvalue 0.
 ///
 /// # Errors
-/// [`m4gn_mesh::Error::Input`] if the number of modes is not below the number of cells or an option is wrong,
-/// [`m4gn_mesh::Error::Numerical`] if the solver fails.
+/// [`m4gn_base::Error::Input`] if the number of modes is not below the number of cells or an option is wrong,
+/// [`m4gn_base::Error::Numerical`] if the solver fails.
 pub fn laplacian_modes(mesh: &Mesh, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
     let (problem, frame) = assemble::laplacian(mesh, comm)?;
     Solution::new(Cow::Owned(problem), frame, comm, options)?.modes(false)
@@ -116,7 +117,7 @@ fn of_body(mesh: &Mesh, modes: &ElasticModes, count: usize) -> Result<Modes> {
     let there = modes.eigenvalues.len();
     if count > there {
         return Err(Error::Input(format!(
-            "{count} elastic modes: the mesh has {there} with it; ask for fewer, or record more (modes of m4gnHarvest)"
+            "{count} elastic modes: the mesh has {there} with it; ask for fewer, or record more (modes of m4gnRecorder)"
         )));
     }
     let n = select::first(&modes.eigenvalues, count);
@@ -134,8 +135,8 @@ fn of_body(mesh: &Mesh, modes: &ElasticModes, count: usize) -> Result<Modes> {
 /// eigenvalues.
 ///
 /// # Errors
-/// [`m4gn_mesh::Error::Input`] for matrices that are no CSR of this layout, values that are not finite, modes not fewer than the
-/// unknowns, or wrong options; [`m4gn_mesh::Error::Numerical`] if the solver fails or there are fewer finite eigenvalues.
+/// [`m4gn_base::Error::Input`] for matrices that are no CSR of this layout, values that are not finite, modes not fewer than the
+/// unknowns, or wrong options; [`m4gn_base::Error::Numerical`] if the solver fails or there are fewer finite eigenvalues.
 pub fn solve(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
     problem.check(comm)?;
     Solution::new(Cow::Borrowed(problem), Frame::of(problem, comm), comm, options)?.modes(false)

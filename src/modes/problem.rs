@@ -1,8 +1,8 @@
 //! A pair of matrices as distributed rows.
 
 use super::pair::Pair;
-use m4gn_mesh::parallel::{Comm, same_on_all_ranks};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::{Comm, same_on_all_ranks};
 
 /// Sizes of entries and eigenvalues that the solvers' products of two still hold.
 const MAGNITUDES: std::ops::RangeInclusive<f64> = 1e-100..=1e100;

@@ -1,7 +1,7 @@
 //! Which of the computed eigenpairs are taken: as many as asked for, repeated eigenvalues whole.
 
 use super::pair::Pair;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::ops::Range;
 
 /// Eigenvalues closer than this, relatively, are one repeated eigenvalue.

@@ -1,6 +1,6 @@
 //! Line charts as SVG.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use plotters::prelude::*;
 
 /// A curve.

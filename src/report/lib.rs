@@ -18,7 +18,7 @@ pub use snapshot::Snapshot;
 pub use table::Table;
 pub use vtu::Grid;
 
-pub use m4gn_mesh::files::write_whole as write_file;
+pub use m4gn_base::files::write_whole as write_file;
 
 /// A number with `digits` significant digits, without an exponent where that reads better.
 pub fn number(value: f64, digits: usize) -> String {

@@ -2,7 +2,7 @@
 
 use super::{Table, write_file};
 use base64::{Engine, engine::general_purpose::STANDARD};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use std::path::Path;
 
 const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;color:#222;max-width:64rem;margin:2rem auto;padding:0 1rem}\

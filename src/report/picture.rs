@@ -13,26 +13,9 @@ pub enum Palette {
     Viridis,
     /// White over yellow to dark red, for errors.
     Heat,
-    /// Blue over white to red, for values of both signs.
-    Diverging,
-    /// One colour a whole number ([`Palette::LABELS`], again and again), for names; without a colour bar.
-    Labels,
 }
 
 impl Palette {
-    /// Colours that are told apart easily: Tableau's, without its grey.
-    pub const LABELS: [Rgb; 9] = [
-        [78, 121, 167],
-        [242, 142, 43],
-        [89, 161, 79],
-        [237, 201, 72],
-        [176, 122, 161],
-        [118, 183, 178],
-        [225, 87, 89],
-        [255, 157, 167],
-        [156, 117, 95],
-    ];
-
     fn stops(self) -> &'static [Rgb] {
         match self {
             Palette::Viridis => &[
@@ -47,10 +30,6 @@ impl Palette {
                 [253, 231, 37],
             ],
             Palette::Heat => &[[255, 255, 245], [254, 217, 118], [253, 141, 60], [227, 26, 28], [128, 0, 38]],
-            Palette::Diverging => {
-                &[[33, 102, 172], [146, 197, 222], [247, 247, 247], [244, 165, 130], [178, 24, 43]]
-            }
-            Palette::Labels => &Self::LABELS,
         }
     }
 
@@ -82,9 +61,6 @@ pub struct Scale {
 impl Scale {
     /// The colour of a value.
     pub fn colour(&self, value: f64) -> Rgb {
-        if self.palette == Palette::Labels {
-            return Palette::LABELS[value.max(0.0) as usize % Palette::LABELS.len()];
-        }
         let range = self.high - self.low;
         self.palette.colour(if range > 0.0 { (value - self.low) / range } else { 0.0 })
     }
@@ -118,8 +94,7 @@ impl FieldPicture {
         let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0).max(1);
         let (width, height) = (self.map.width, self.map.height);
         let (cell_w, cell_h) = (width + GAP, height + TEXT_HEIGHT + GAP);
-        let with_bar = |s: &&Scale| s.palette != Palette::Labels;
-        let bars = match self.scales.iter().filter(with_bar).count() {
+        let bars = match self.scales.len() {
             0 => 0,
             _ => BAR + 2 * TEXT_HEIGHT + GAP + 4,
         };
@@ -134,7 +109,7 @@ impl FieldPicture {
             }
         }
         let top = self.rows.len() * cell_h + GAP;
-        for (i, scale) in self.scales.iter().enumerate().filter(|(_, s)| with_bar(s)) {
+        for (i, scale) in self.scales.iter().enumerate() {
             // Under the first column that uses the scale.
             let uses = |row: &Vec<Panel>| row.iter().position(|p| p.scale == i);
             let column = self.rows.iter().find_map(uses).unwrap_or(i);

@@ -1,6 +1,6 @@
 //! A small picture in memory: pixels, text, PNG.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 
 /// Red, green, blue.

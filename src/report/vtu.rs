@@ -1,8 +1,8 @@
 //! VTK's XML formats, which ParaView opens: unstructured grids (*.vtu) and series of them (*.pvd).
 
 use base64::{Engine, engine::general_purpose::STANDARD};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::elements::{ElementKind, Elements};
-use m4gn_mesh::{Error, Result};
 use std::fmt::Write;
 
 /// Cells with values at their points.

@@ -7,12 +7,19 @@
 //! Errors are root mean squares over nodes and solved components, relative to the largest variation that the field has had in the run
 //! ([`StrideError::variation`]).
 
-use m4gn_mesh::{Error, Result};
-use m4gn_model::settings;
+use crate::surrogate::Growth;
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Most that a stride of a jump may change a field, over the largest change by a stride of the solver.
 const MOST_CHANGE: f64 = 3.0;
+
+/// Default of [`ControlSettings::rel_tol`].
+const REL_TOL: f64 = 0.2;
+
+/// Default of [`ControlSettings::patience`].
+const PATIENCE: usize = 10;
 
 /// What happens where the surrogate stays bad.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -25,33 +32,23 @@ pub enum OnFailure {
     Stop,
 }
 
-/// Settings of a controller; `tolerance` suffices.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ControlSettings {
-    /// Largest relative error of a jump.
-    pub tolerance: f64,
-    /// Largest error of a stride over what the solver changed in it. Of a flow that rests, or nearly, the change is small, and errors
-    /// far within the tolerance are larger: jump by jump they would make a flow of their own, a wake that sheds where the solver's does not.
-    #[serde(default = "rel_tol")]
-    pub rel_tol: f64,
-    /// Predicted fields that it holds for; none: the first one.
-    #[serde(default)]
-    pub fields: Option<Vec<String>>,
-    /// What happens where the surrogate stays bad.
-    #[serde(default)]
-    pub on_failure: OnFailure,
-    /// Strides in a row that allow no jump after which it stays bad.
-    #[serde(default = "patience")]
-    pub patience: usize,
-}
-
-fn rel_tol() -> f64 {
-    0.2
-}
-
-fn patience() -> usize {
-    10
+settings! {
+    /// Settings of a controller; `tolerance` suffices.
+    pub struct ControlSettings in "control" {
+        /// Largest error of a jump: root mean square, over the largest variation of the field so far in the run; of a vector its root
+        /// mean square, of a scalar that about its mean.
+        pub tolerance: f64;
+        // Of a flow that rests, or nearly, the change is small, and errors far within the tolerance are larger: jump by jump they would
+        // make a flow of their own, a wake that sheds where the solver's does not.
+        /// Largest error of a stride beside the solver, over what the solver changed in it.
+        pub rel_tol: f64 = REL_TOL;
+        /// Predicted fields that both hold for.
+        pub fields: Option<Vec<String>> = None, "the first one; of several surrogates the first that all predict";
+        /// Where the surrogate stays bad: `solver`, which goes on alone and is tried beside, or `stop`.
+        pub on_failure: OnFailure = OnFailure::default();
+        /// Measured strides in a row that allow no jump, after which a surrogate stays bad.
+        pub patience: usize = PATIENCE;
+    }
 }
 
 impl ControlSettings {
@@ -59,10 +56,10 @@ impl ControlSettings {
     pub fn of(tolerance: f64) -> Self {
         ControlSettings {
             tolerance,
-            rel_tol: rel_tol(),
+            rel_tol: REL_TOL,
             fields: None,
             on_failure: OnFailure::default(),
-            patience: patience(),
+            patience: PATIENCE,
         }
     }
 
@@ -123,8 +120,8 @@ struct Track {
     name: String,
     /// Whether the tolerance holds for it.
     watched: bool,
-    /// Growth of its errors with the strides of a jump; none: they add up.
-    factors: Option<Vec<f64>>,
+    /// Growth of its errors with the strides of a jump.
+    growth: Growth,
     /// Of the last stride.
     error: f64,
     /// Largest change and variation so far.
@@ -143,9 +140,10 @@ impl Track {
     }
 
     fn estimate(&self, strides: usize) -> f64 {
-        let factor = match &self.factors {
-            Some(factors) => factors.get(strides.max(1) - 1).copied().unwrap_or(f64::INFINITY),
-            None => strides as f64,
+        let factor = match &self.growth {
+            Growth::Factors(factors) => factors.get(strides.max(1) - 1).copied().unwrap_or(f64::INFINITY),
+            Growth::None => 1.0,
+            Growth::Unknown => strides as f64,
         };
         match self.relative(self.error) {
             0.0 => 0.0,
@@ -156,10 +154,17 @@ impl Track {
     /// Strides that keep the estimate within the tolerance, `most` at most.
     fn strides(&self, tolerance: f64, most: usize) -> usize {
         let within = |n: &usize| self.estimate(*n) <= tolerance;
-        match (self.relative(self.error), &self.factors) {
+        match (self.relative(self.error), &self.growth) {
             (0.0, _) => most,
-            (_, Some(factors)) => (1..=most.min(factors.len())).take_while(within).count(),
-            (relative, None) => {
+            (_, Growth::None) => {
+                if within(&1) {
+                    most
+                } else {
+                    0
+                }
+            }
+            (_, Growth::Factors(factors)) => (1..=most.min(factors.len())).take_while(within).count(),
+            (relative, Growth::Unknown) => {
                 // The quotient may be one off by rounding.
                 let near = (tolerance / relative) as usize;
                 let candidates = [near.saturating_add(1), near, near.saturating_sub(1)];
@@ -185,7 +190,7 @@ impl Control {
     ///
     /// # Errors
     /// [`Error::Input`] for a field that it does not advance.
-    pub fn new(fields: Vec<(String, Option<Vec<f64>>)>, settings: ControlSettings) -> Result<Self> {
+    pub fn new(fields: Vec<(String, Growth)>, settings: ControlSettings) -> Result<Self> {
         let names: Vec<&str> = fields.iter().map(|(name, _)| name.as_str()).collect();
         let watched: Vec<&str> = match &settings.fields {
             Some(fields) => fields.iter().map(String::as_str).collect(),
@@ -198,10 +203,10 @@ impl Control {
             )));
         }
         let marks: Vec<bool> = names.iter().map(|name| watched.contains(name)).collect();
-        let track = |((name, factors), watched)| Track {
+        let track = |((name, growth), watched)| Track {
             name,
             watched,
-            factors,
+            growth,
             error: f64::INFINITY,
             change: 0.0,
             variation: 0.0,
@@ -221,7 +226,7 @@ impl Control {
 
     /// Names of the watched fields whose growth the model does not know; their errors are reckoned to add up.
     pub fn not_calibrated(&self) -> Vec<&str> {
-        let watched = self.tracks.iter().filter(|t| t.watched && t.factors.is_none());
+        let watched = self.tracks.iter().filter(|t| t.watched && t.growth == Growth::Unknown);
         watched.map(|t| t.name.as_str()).collect()
     }
 
@@ -247,7 +252,7 @@ impl Control {
         if self.settings.on_failure == OnFailure::Stop && self.bad >= self.settings.patience {
             return Err(Error::Numerical(format!(
                 "the surrogate beside the solver was off by more than the tolerance {} allows, or by more than {} (relTol) of what the \
-                 solver changed, in {} strides in a row, the last one by {:.2e}: its model does not fit this case. Train or adapt it, \
+                 solver changed, in {} strides in a row, the last one by {:.2e}: its model does not fit this case. Train it for this case, \
                  raise the tolerance, or say onFailure solver",
                 self.settings.tolerance,
                 self.settings.rel_tol,

@@ -1,8 +1,8 @@
 use super::*;
 
 fn control(json: &str, calibrated: bool) -> Control {
-    let factors = calibrated.then(|| vec![1.5, 2.0, 4.0]);
-    let fields = vec![("U".to_string(), factors), ("p".to_string(), None)];
+    let growth = if calibrated { Growth::Factors(vec![1.5, 2.0, 4.0]) } else { Growth::Unknown };
+    let fields = vec![("U".to_string(), growth), ("p".to_string(), Growth::Unknown)];
     Control::new(fields, ControlSettings::parse(json).unwrap()).unwrap()
 }
 
@@ -95,6 +95,18 @@ fn without_calibration_errors_add_up() {
 }
 
 #[test]
+fn errors_that_do_not_grow_let_a_jump_be_as_long_as_it_may() {
+    let settings = ControlSettings::parse(r#"{"tolerance": 0.05}"#).unwrap();
+    let mut c =
+        Control::new(vec![("U".to_string(), Growth::None), ("p".to_string(), Growth::None)], settings)
+            .unwrap();
+    c.measure(&stride(0.04)).unwrap();
+    assert_eq!((c.strides(200), c.estimate(200)), (200, 0.02));
+    c.measure(&stride(0.2)).unwrap();
+    assert_eq!(c.strides(200), 0);
+}
+
+#[test]
 fn the_size_and_the_change_are_the_largest_so_far() {
     let mut c = control(r#"{"tolerance": 0.05}"#, true);
     c.measure(&stride(0.04)).unwrap();
@@ -136,7 +148,7 @@ fn bad_settings_are_named() {
         assert!(text.contains(words), "{json}: {text}");
     }
     let settings = ControlSettings::parse(r#"{"tolerance": 0.1, "fields": ["q"]}"#).unwrap();
-    let fields = ["U", "p"].map(|name| (name.to_string(), None));
+    let fields = ["U", "p"].map(|name| (name.to_string(), Growth::Unknown));
     let text = Control::new(fields.into(), settings).unwrap_err().to_string();
     assert!(text.contains("q is not predicted") && text.contains("U, p"), "{text}");
 }

@@ -2,10 +2,11 @@
 
 use crate::ride::{Action, Answer, Phase, Ride};
 use crate::schedule::{Step, steps_of};
-use crate::shadow::predict;
-use crate::values::{Given, rms};
-use m4gn_mesh::{Error, Result};
-use m4gn_step::FieldMut;
+use crate::shadow::{advanced, predict};
+use crate::surrogate::Start;
+use crate::values::rms;
+use m4gn_base::{Error, Result};
+use m4gn_state::Role;
 
 /// A jump that is going on.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,52 +27,57 @@ pub(crate) struct Jump {
 }
 
 impl Ride<'_> {
-    /// A stride of the jump, from the fields as they are now. `out`: where the advanced fields of the surrogate go, in its order. The
-    /// answer is [`Action::Advance`], or what follows where the stride must not be used: `out` is then as it was. Collective; all ranks
-    /// fail together.
+    /// A stride of the jump, from the present state. `next`: where the arrays of the predicted state go; those that the surrogate does not
+    /// make stay. The answer is [`Action::Advance`], or what follows where the stride must not be used: `next` is then as it was.
+    /// Collective; all ranks fail together.
     ///
     /// # Errors
-    /// [`Error::Input`] for fields that do not fit.
-    pub fn stride(&mut self, given: &Given, out: &mut [FieldMut]) -> Result<Answer> {
+    /// [`Error::Input`] for places that do not fit.
+    pub fn stride(&mut self, next: &mut [&mut [f64]]) -> Result<Answer> {
         let Phase::Jumping(mut jump) = self.phase.clone() else {
             return Err(self.out_of_turn("stride"));
         };
-        let rider = &mut self.riders[jump.surrogate];
-        let stride = rider.surrogate.stride();
+        let ahead = self.ahead(jump.surrogate, true)?;
+        let candidate = &mut self.candidates[jump.surrogate];
+        let stride = candidate.stride();
         if !self.schedule.fits(&self.step, jump.delta_t, stride, 1.0) {
-            return self.end_early(jump, given);
+            return self.end_early(jump);
         }
-        let advanced = rider.surrogate.advances().to_vec();
-        let old = given.values(&self.comm, &advanced)?;
-        let shapes = out.iter().map(|o| (o.name, o.cells.len()));
-        let own = advanced.iter().zip(&old).map(|(a, v)| (a.name.as_str(), v.len()));
-        let checked = match shapes.eq(own) {
+        let arrays = self.layout.arrays();
+        let fits = |(a, place): (&m4gn_state::Array, &&mut [f64])| {
+            matches!(a.role, Role::Prescribed | Role::Held) || a.numbers() == place.len()
+        };
+        let checked = match next.len() == arrays.len() && arrays.iter().zip(next.iter()).all(fits) {
             true => Ok(()),
             false => Err(Error::Input(
-                "ride: the places for the prediction are not those of the fields that the surrogate advances"
-                    .into(),
+                "ride: the places for the prediction are not those of the state's arrays".into(),
             )),
         };
         self.comm.agree(checked)?;
+        let old = advanced(candidate.surrogate.as_ref(), &self.present);
         let mut predicted = old.clone();
-        let bad = predict(rider.surrogate.as_mut(), given, &mut predicted)?;
+        let start = Start { state: &self.present, ahead: ahead.as_ref() };
+        let bad = predict(candidate.surrogate.as_mut(), start, &mut predicted)?;
         let mut used = bad.is_none();
         self.stepped |= used;
         self.log.not_finite(&self.step.name, bad);
-        if let Some(control) = rider.control.as_ref().filter(|_| used) {
+        let advances = candidate.describe().advances.clone();
+        if let Some(control) = candidate.control.as_ref().filter(|_| used) {
             let pairs = predicted.iter().zip(&old);
             let changes = pairs.map(|(new, old)| new.iter().zip(old).map(|(a, b)| a - b));
-            used = control.accepts(&rms(&self.comm, &advanced, changes))?;
+            used = control.accepts(&rms(&self.comm, &self.layout.pick(&advances), changes))?;
         }
         if !used {
             self.totals.ended_early += 1;
-            return self.end_early(jump, given);
+            return self.end_early(jump);
         }
-        for (place, values) in out.iter_mut().zip(&predicted) {
-            place.cells.copy_from_slice(values);
+        for (&array, values) in advances.iter().zip(predicted) {
+            next[array].copy_from_slice(&values);
+            self.present[array] = values;
         }
+        candidate.surrogate.carry(next);
         if jump.done == 0 && !jump.carried_on {
-            self.totals.begin_jump(jump.surrogate, self.riders.len(), self.step.time);
+            self.totals.begin_jump(jump.surrogate, self.candidates.len(), self.step.time);
         }
         jump.done += 1;
         self.totals.steps += 1;
@@ -83,30 +89,35 @@ impl Ride<'_> {
     }
 
     /// A jump ends before its last stride, or does not begin. Collective.
-    fn end_early(&mut self, jump: Jump, given: &Given) -> Result<Answer> {
+    fn end_early(&mut self, jump: Jump) -> Result<Answer> {
         if jump.done == 0 && !jump.carried_on {
-            if self.is_controlled() {
-                self.begin_shadows(false, given)?;
-            }
             self.phase = Phase::Solving;
+            if self.is_controlled() {
+                self.begin_shadows(false)?;
+            }
             return Ok(self.answer(Action::Solve));
         }
         self.phase = Phase::HandingBack(jump);
         Ok(self.answer(Action::HandBack))
     }
 
-    /// Time and fields have been advanced by the stride that was predicted. Not collective.
+    /// Time and state have been advanced by the stride that was predicted. The state is needed where the answer before says so: the host may
+    /// have made more of the prediction. Collective; all ranks fail together.
     ///
     /// # Errors
-    /// [`Error::Input`] where no stride was predicted.
-    pub fn advanced(&mut self, step: Step) -> Result<Answer> {
+    /// [`Error::Input`] where no stride was predicted, and for a state that does not fit or is missing.
+    pub fn advanced(&mut self, step: Step, state: Option<&[&[f64]]>) -> Result<Answer> {
         let Phase::Advancing(mut jump) = self.phase.clone() else {
             return Err(self.out_of_turn("advanced"));
         };
+        let wanted = !self.candidates[jump.surrogate].describe().is_whole;
+        if let Some(state) = self.checked("advanced", state, wanted)?.filter(|_| wanted) {
+            self.keep(state);
+        }
         self.step = Step { delta_t: jump.delta_t, ..step };
-        let surrogate = &mut self.riders[jump.surrogate].surrogate;
+        let surrogate = &mut self.candidates[jump.surrogate].surrogate;
         surrogate.advanced();
-        let stride = surrogate.stride();
+        let stride = surrogate.describe().stride;
         let fits = |strides: f64| self.schedule.fits(&self.step, jump.delta_t, stride, strides);
         jump.over = jump.done == jump.strides || !fits(1.0);
         let last_but_one = jump.done + 1 == jump.strides || !fits(2.0);
@@ -129,42 +140,96 @@ impl Ride<'_> {
         self.totals.seconds[1] += hand_over;
     }
 
-    /// The state has been handed back, and the solver goes on from here: the fields are those that it begins from. `quantities` are told
-    /// with the jump. Collective; all ranks fail together.
+    /// The state has been handed back, and the solver goes on from here: it is the one that it begins from, and needed where the answer before
+    /// says so. `quantities` are told with the jump. Collective; all ranks fail together.
     ///
     /// # Errors
-    /// [`Error::Input`] where no jump has ended, and for fields that do not fit.
-    pub fn handed_back(&mut self, step: Step, quantities: &[(String, f64)], given: &Given) -> Result<Answer> {
+    /// [`Error::Input`] where no jump has ended, and for a state that does not fit or is missing.
+    pub fn handed_back(
+        &mut self,
+        step: Step,
+        state: Option<&[&[f64]]>,
+        quantities: &[(String, f64)],
+    ) -> Result<Answer> {
         let Phase::HandingBack(jump) = self.phase.clone() else {
             return Err(self.out_of_turn("handed_back"));
         };
+        let wanted = self.is_controlled();
+        if let Some(state) = self.checked("handed_back", state, wanted)?.filter(|_| wanted) {
+            self.keep(state);
+        }
         self.step = Step { delta_t: jump.delta_t, ..step };
         self.handed_back = self.step.index;
-        for (i, rider) in self.riders.iter_mut().enumerate() {
-            rider.surrogate.handed_back(self.step.time, i == jump.surrogate);
+        for (i, candidate) in self.candidates.iter_mut().enumerate() {
+            let own = i == jump.surrogate;
+            let strides = candidate.surrogate.handed_back(self.step.time, own);
+            if let Some(control) = candidate.fit_control.as_mut().filter(|_| !own) {
+                control.others_jumped(strides);
+            }
         }
         self.watch.handed_back(self.totals.steps);
         self.quantities.handed_back(jump.done);
         if jump.done > 0 || !jump.over {
             self.log_jump(&jump, quantities);
         }
-        self.frame(true, given)?;
-        if self.is_controlled() {
-            self.begin_shadows(true, given)?;
-        }
-        self.tell_waiting();
         self.phase = Phase::Solving;
+        if self.is_controlled() {
+            self.begin_shadows(true)?;
+        }
         Ok(self.answer(Action::Solve))
+    }
+
+    /// All arrays of the state so many seconds before the present one, within a jump of a fit: an old level of the solver's time scheme.
+    /// Arrays that are prescribed stay. Not collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] outside of a jump, and for a surrogate that is no fit.
+    pub fn old_level(&self, before: f64, out: &mut [&mut [f64]]) -> Result<()> {
+        let (Phase::Advancing(jump) | Phase::Jumping(jump) | Phase::HandingBack(jump)) = &self.phase else {
+            return Err(self.out_of_turn("old_level"));
+        };
+        let surrogate = &self.candidates[jump.surrogate].surrogate;
+        match surrogate.fits() {
+            Some(fits) => fits.earlier(before, out),
+            None => Err(Error::Input(format!(
+                "ride: the surrogate {} knows no state between its strides",
+                surrogate.describe().name
+            ))),
+        }
+    }
+
+    /// What the settings' quantities are after the present state, in their order; no number where there is none: behind
+    /// [`solved`](Self::solved), and after each stride. Not collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of them.
+    pub fn reported(&mut self, values: &[f64]) -> Result<()> {
+        let expected = self.settings.quantities.len();
+        if values.len() != expected {
+            return Err(Error::Input(format!(
+                "ride: {} quantities: expected {expected}, those of the settings",
+                values.len()
+            )));
+        }
+        let solver = match &self.phase {
+            Phase::Solving => true,
+            Phase::Jumping(jump) => jump.done == 0 && !jump.carried_on,
+            Phase::Advancing(_) | Phase::HandingBack(_) => false,
+        };
+        let held = self.quantities.reported(&self.settings.quantities, values, solver, &self.step.name);
+        self.log.text += &held.note;
+        self.log.warnings.extend(held.warning);
+        Ok(())
     }
 
     /// Strides of the jump that a run has to take which is carried on from here; -1: the solver goes on.
     pub(crate) fn left(&self) -> i64 {
         let rest = |jump: &Jump| (jump.strides - jump.done) as i64;
         match &self.phase {
-            Phase::Solving | Phase::Deciding => -1,
+            Phase::Solving => -1,
             Phase::Jumping(jump) | Phase::Advancing(jump) => rest(jump),
             Phase::HandingBack(jump) => {
-                let stride = self.riders[jump.surrogate].surrogate.stride();
+                let stride = self.candidates[jump.surrogate].stride();
                 // A run that is stopped in a jump goes on with the rest of it.
                 match self.schedule.is_stopped(&self.step, jump.delta_t, stride) {
                     true => rest(jump),

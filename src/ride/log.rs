@@ -2,7 +2,6 @@
 
 use crate::jump::Jump;
 use crate::ride::Ride;
-use crate::surrogate::Lesson;
 use crate::tables::row;
 use crate::watch::Judgement;
 
@@ -13,8 +12,6 @@ pub(crate) struct Log {
     pub warnings: Vec<String>,
     /// Whether the last jump was not allowed.
     pub refused: bool,
-    /// For whom the other surrogates wait.
-    pub waited_for: Option<usize>,
     pub jumps_head: String,
     /// Names of the quantities that are its columns.
     pub quantities: Vec<String>,
@@ -54,15 +51,6 @@ impl Log {
     pub fn not_finite(&mut self, time: &str, bad: Option<String>) {
         self.warnings.extend(bad.map(|what| format!("At time {time}: {what}")));
     }
-
-    pub fn lesson(&mut self, lesson: &Lesson, all: f64, wall: f64) {
-        self.text += &format!("m4gn: {}", lesson.note);
-        if lesson.steps > 0 && wall > 0.0 {
-            let percent = (100.0 * (all / wall).min(1.0) + 0.5) as i64;
-            self.text += &format!("; all adaptation so far is {percent} % of the run's wall time");
-        }
-        self.text += "\n\n";
-    }
 }
 
 impl Ride<'_> {
@@ -90,8 +78,8 @@ impl Ride<'_> {
     /// A jump has ended.
     pub(crate) fn log_jump(&mut self, jump: &Jump, quantities: &[(String, f64)]) {
         let digits = self.digits();
-        let rider = &self.riders[jump.surrogate];
-        let stride = rider.surrogate.stride();
+        let jumper = self.candidates[jump.surrogate].describe();
+        let stride = jumper.stride;
         let [surrogate, hand_over] = [0, 1].map(|i| self.totals.seconds[i] - jump.began[i]);
         let mut line = format!(
             "m4gn: jumped {} steps of {} s to time {} in {} s",
@@ -100,8 +88,8 @@ impl Ride<'_> {
             self.step.name,
             digits.of(surrogate + hand_over)
         );
-        if self.riders.len() > 1 {
-            line += &format!(" by {}", rider.surrogate.name());
+        if self.candidates.len() > 1 {
+            line += &format!(" by {}", jumper.name);
         }
         for (name, value) in quantities {
             line += &format!("; {name} {}", digits.of(*value));
@@ -119,15 +107,15 @@ impl Ride<'_> {
                 ["Time", "steps", "surrogate(s)", "handOver(s)"].map(String::from).into();
             self.log.quantities = quantities.iter().map(|(name, _)| name.clone()).collect();
             names.extend(self.log.quantities.clone());
-            if self.riders.len() > 1 {
+            if self.candidates.len() > 1 {
                 names.push("surrogate".into());
             }
             if jump.expected.is_some() {
                 names.extend(["strideError", "estimate"].map(String::from));
             }
             let lines =
-                self.riders.iter().map(|r| format!("Jumps of the surrogate {}", r.surrogate.source()));
-            let strides = self.riders.iter().map(|r| ("stride (s)", digits.of(r.surrogate.stride())));
+                self.candidates.iter().map(|c| format!("Jumps of the surrogate {}", c.describe().source));
+            let strides = self.candidates.iter().map(|c| ("stride (s)", digits.of(c.stride())));
             self.log.jumps_head =
                 digits.header(&lines.collect::<Vec<_>>(), &strides.collect::<Vec<_>>(), &names);
         }
@@ -140,8 +128,8 @@ impl Ride<'_> {
         ];
         let of = |name: &String| quantities.iter().find(|q| q.0 == *name).map_or(f64::NAN, |q| q.1);
         columns.extend(self.log.quantities.iter().map(|name| digits.of(of(name))));
-        if self.riders.len() > 1 {
-            columns.push(rider.surrogate.name().into());
+        if self.candidates.len() > 1 {
+            columns.push(jumper.name.clone());
         }
         columns.extend(jump.expected.iter().flatten().map(|v| digits.of(*v)));
         self.log.jumps += &row(&columns);

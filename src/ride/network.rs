@@ -1,181 +1,136 @@
-//! A network as a surrogate: a session, and its model's adaptation to the run.
+//! A network as a surrogate: a session of its model.
 
-use crate::surrogate::{Advanced, Lesson, Surrogate};
-use m4gn_adapt::{Adaptation, Settings};
-use m4gn_mesh::{Error, Mesh, Result};
+use crate::surrogate::{Description, Growth, Start, Surrogate};
+use m4gn_base::{Error, Result};
 use m4gn_model::{Model, Output};
+use m4gn_state::{Layout, Values};
 use m4gn_step::{Field, FieldMut, Session};
 use std::ops::DerefMut;
-use std::path::Path;
-use std::sync::Arc;
 
-/// A session, and what its model learns in the run.
-pub struct Network<S> {
-    session: S,
-    advanced: Vec<Advanced>,
-    source: String,
-    digest: String,
-    learning: Option<Learning>,
+/// A field of the model, and where it is in the state.
+struct Input {
+    name: String,
+    components: usize,
+    nodes: usize,
+    /// None: it has no boundary values (of a body).
+    boundary: Option<usize>,
 }
 
-/// What is needed to learn, until it begins.
-enum Learning {
-    Waiting(Box<(Mesh, Arc<Model>, Settings)>),
-    Begun(Box<Adaptation>),
+/// A session on the host's state.
+pub struct Network<S> {
+    session: S,
+    description: Description,
+    inputs: Vec<Input>,
+    outputs: Vec<(String, usize)>,
+    /// Displacements of a body's obstacle.
+    obstacle: Option<usize>,
 }
 
 impl<S: DerefMut<Target = Session>> Network<S> {
-    /// Of a session with this model. `source`: where it is from, for people. `adapt`: the mesh of the session and settings, where it is
-    /// to learn.
+    /// Of a session with this model. `source`: where it is from, for people.
     ///
     /// # Errors
-    /// What making a file of the model may fail with: its digest is taken of that.
-    pub fn new(
-        session: S,
-        model: Arc<Model>,
-        source: String,
-        adapt: Option<(Mesh, Settings)>,
-    ) -> Result<Self> {
+    /// [`Error::Input`] for a state that lacks a field of the model; what making a file of the model may fail with: its digest is taken of
+    /// that.
+    pub fn new(session: S, model: &Model, source: String, layout: &Layout) -> Result<Self> {
         let spec = session.spec();
-        let advanced = spec.fields.iter().filter(|f| f.output != Output::None);
-        let advanced = advanced.map(|f| Advanced {
-            name: f.name.clone(),
-            components: if f.vector { 3 } else { 1 },
-            solved: f.components(spec.dim),
-        });
+        let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
+        let (mut advances, mut growth) = (Vec::new(), Vec::new());
+        for field in &spec.fields {
+            let components = if field.vector { 3 } else { 1 };
+            let found = layout.at_nodes(&field.name);
+            let nodes = found.ok_or_else(|| {
+                Error::Input(format!(
+                    "the state has no array '{}' at nodes, a field of the model",
+                    field.name
+                ))
+            })?;
+            let array = &layout.arrays()[nodes];
+            if (array.components, array.items) != (components, session.n_cells()) {
+                return Err(Error::Input(format!(
+                    "array '{}': expected {} items of {components} components, as model and mesh have, found {} of {}",
+                    field.name,
+                    session.n_cells(),
+                    array.items,
+                    array.components
+                )));
+            }
+            if spec.reads(field) {
+                let boundary = layout.at_boundary(&field.name);
+                let wanted = components * session.n_boundary();
+                if wanted > 0 && boundary.is_none_or(|b| layout.arrays()[b].numbers() < wanted) {
+                    return Err(Error::Input(format!(
+                        "array '{}' at the boundary: expected at least {} faces, those of the mesh",
+                        field.name,
+                        session.n_boundary()
+                    )));
+                }
+                inputs.push(Input { name: field.name.clone(), components, nodes, boundary });
+            }
+            if field.output != Output::None {
+                if !array.is_measured() || array.solved != field.components(spec.dim) {
+                    return Err(Error::Input(format!(
+                        "array '{}': expected one that is solved, with {} components, as the model advances it",
+                        field.name,
+                        field.components(spec.dim)
+                    )));
+                }
+                outputs.push((field.name.clone(), components));
+                advances.push(nodes);
+                let factors = spec.calibration.as_ref().and_then(|c| c.factors(&field.name));
+                growth.push(factors.map_or(Growth::Unknown, |f| Growth::Factors(f.to_vec())));
+            }
+        }
         // FNV-1a
         let digest = model.to_bytes()?.iter().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
             (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
         });
-        Ok(Network {
-            advanced: advanced.collect(),
-            learning: adapt.map(|(mesh, settings)| Learning::Waiting(Box::new((mesh, model, settings)))),
-            session,
+        let obstacle = layout.obstacle();
+        let reads = inputs.iter().flat_map(|i| [Some(i.nodes), i.boundary]).chain([obstacle]).flatten();
+        let description = Description {
+            name: "network".into(),
             source,
             digest: format!("{digest:016x}"),
-        })
-    }
-
-    /// The adaptation, which begins with its first frame or state. Collective.
-    fn adaptation(&mut self) -> Result<&mut Adaptation> {
-        if let Some(Learning::Waiting(waiting)) = &self.learning {
-            let (mesh, model, settings) = &**waiting;
-            let begun = Adaptation::new(&self.session, mesh, model, settings.clone())?;
-            self.learning = Some(Learning::Begun(Box::new(begun)));
-        }
-        match &mut self.learning {
-            Some(Learning::Begun(adaptation)) => Ok(adaptation),
-            _ => Err(Error::Internal("a network that was not to learn".into())),
-        }
-    }
-
-    fn begun(&self) -> Option<&Adaptation> {
-        match &self.learning {
-            Some(Learning::Begun(adaptation)) => Some(adaptation),
-            _ => None,
-        }
-    }
-
-    /// Hands the adapted weights to the session. Collective.
-    fn hand_over(&mut self) -> Result<()> {
-        let Some(Learning::Begun(adaptation)) = &self.learning else {
-            return Ok(());
+            stride: spec.stride,
+            reads: reads.collect(),
+            advances,
+            is_whole: false,
+            growth,
+            segments: (session.n_segments(), session.cell_segment().to_vec()),
+            note: String::new(),
         };
-        self.session.set_weights(adaptation.mesh(), &adaptation.model())
+        Ok(Network { session, description, inputs, outputs, obstacle })
     }
 }
 
 impl<S: DerefMut<Target = Session>> Surrogate for Network<S> {
-    fn name(&self) -> &str {
-        "network"
+    fn describe(&self) -> &Description {
+        &self.description
     }
 
-    fn source(&self) -> String {
-        self.source.clone()
-    }
-
-    fn digest(&self) -> String {
-        self.digest.clone()
-    }
-
-    fn stride(&self) -> f64 {
-        self.session.spec().stride
-    }
-
-    fn advances(&self) -> &[Advanced] {
-        &self.advanced
-    }
-
-    fn growth(&self, field: &str) -> Option<Vec<f64>> {
-        let calibration = self.session.spec().calibration.as_ref()?;
-        calibration.factors(field).map(<[f64]>::to_vec)
-    }
-
-    fn segments(&self) -> (usize, &[i32]) {
-        (self.session.n_segments(), self.session.cell_segment())
-    }
-
-    fn step(&mut self, fields: &[Field], out: &mut [FieldMut]) -> Result<()> {
-        self.session.step(fields, out)
-    }
-
-    fn can_learn(&self) -> bool {
-        self.learning.is_some()
-    }
-
-    fn has_begun(&self) -> bool {
-        self.begun().is_some()
-    }
-
-    fn learns(&self) -> bool {
-        self.can_learn() && self.begun().is_none_or(|a| !a.is_done())
-    }
-
-    fn frame(&mut self, time: f64, begins: bool, fields: &[Field]) -> Result<()> {
-        self.adaptation()?.frame(time, begins, fields)
-    }
-
-    fn learn(&mut self, strides: usize) -> Result<Option<Lesson>> {
-        let Some(Learning::Begun(adaptation)) = &mut self.learning else {
-            return Ok(None);
-        };
-        let outcome = adaptation.run(strides)?;
-        if outcome.used {
-            self.hand_over()?;
+    fn predict(&mut self, start: Start, next: &mut Values) -> Result<()> {
+        if let Some(obstacle) = self.obstacle {
+            let ahead = start.ahead.unwrap_or(start.state);
+            let rows = |values: &Values| values[obstacle].as_chunks::<3>().0.to_vec();
+            self.session.set_obstacle(&rows(start.state), &rows(ahead))?;
         }
-        Ok(Some(Lesson {
-            used: outcome.used,
-            steps: outcome.steps,
-            seconds: outcome.seconds,
-            before: outcome.before,
-            after: outcome.after,
-            note: outcome.note,
-        }))
-    }
-
-    fn state(&self) -> Result<Option<Vec<u8>>> {
-        // The first rank writes it.
-        let bytes = |adaptation: &Adaptation| match self.session.comm().is_root() {
-            true => adaptation.bytes(),
-            false => Ok(Vec::new()),
+        let n_boundary = self.session.n_boundary();
+        let field = |i: &'_ Input| {
+            let boundary = i.boundary.map_or(&[][..], |b| &start.state[b][..i.components * n_boundary]);
+            (i.components, &start.state[i.nodes][..], boundary)
         };
-        self.begun().map(bytes).transpose()
-    }
-
-    fn restore(&mut self, state: &[u8]) -> Result<()> {
-        self.adaptation()?.restore(state)?;
-        self.hand_over()
-    }
-
-    fn write_model(&self, path: &Path) -> Result<()> {
-        let Some(adaptation) = self.begun() else {
-            return Err(Error::Input("the network has not begun to learn".into()));
-        };
-        let comm = self.session.comm();
-        let written = match comm.is_root() {
-            true => adaptation.model().write(path),
-            false => Ok(()),
-        };
-        comm.agree(written)
+        let fields: Vec<Field> = self
+            .inputs
+            .iter()
+            .map(|i| {
+                let (components, cells, boundary) = field(i);
+                Field { name: &i.name, components, cells, boundary }
+            })
+            .collect();
+        let pairs = self.outputs.iter().zip(next.iter_mut());
+        let mut out: Vec<FieldMut> = pairs
+            .map(|((name, components), cells)| FieldMut { name, components: *components, cells })
+            .collect();
+        self.session.step(&fields, &mut out)
     }
 }

@@ -1,17 +1,17 @@
 //! A surrogate beside the solver: single strides, and rollouts that begin anew from the solver's fields.
 
+use crate::candidate::Candidate;
 use crate::control::{Control, StrideError};
 use crate::ride::Ride;
-use crate::rider::Rider;
 use crate::schedule::Step;
 use crate::settings::RideSettings;
-use crate::shadow::Shadow;
-use crate::surrogate::Surrogate;
+use crate::shadow::advanced;
+use crate::surrogate::{Description, Start};
 use crate::tables::{Digits, row};
-use crate::values::{Given, Values, between, places, rms};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
-use m4gn_step::Field;
+use crate::values::{between, rms};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
+use m4gn_state::{Layout, Values};
 
 /// The error that a table has for a prediction that is not finite.
 const NOT_FINITE: f64 = 1e15;
@@ -30,11 +30,21 @@ struct Judged {
     strides: usize,
 }
 
+impl Judged {
+    fn begin(&mut self, control: &Control, rollout_steps: usize) {
+        for (i, estimate) in self.estimates.iter_mut().enumerate() {
+            *estimate = control.estimate(i + 1);
+        }
+        self.allowed = control.strides(rollout_steps);
+        self.refused += usize::from(self.allowed == 0);
+    }
+}
+
 /// The observer of one surrogate.
 #[derive(Clone, Debug)]
 pub(crate) struct Observer {
     rollout_steps: usize,
-    /// The advanced fields where the rollout began, and at its last two times.
+    /// The advanced arrays where the rollout began, and at its last two times.
     first: Values,
     old: Values,
     now: Values,
@@ -63,9 +73,22 @@ pub(crate) struct Observed {
     pub bad: Vec<String>,
 }
 
+/// Where the run is, for an observer.
+pub(crate) struct Now<'a> {
+    /// The solver's state.
+    pub state: &'a Values,
+    /// What is prescribed at the end of a stride.
+    pub ahead: Option<&'a Values>,
+    /// The cell of each boundary face.
+    pub owners: &'a [i32],
+    pub digits: Digits,
+    /// Arrays of the table.
+    pub n_fields: usize,
+}
+
 impl Observer {
     /// Errors in segments are told of the first surrogate; rows have the name where there are several.
-    pub fn new(rider: &Rider, settings: &RideSettings, first: bool, several: bool) -> Self {
+    pub fn new(candidate: &Candidate, settings: &RideSettings, first: bool, several: bool) -> Self {
         let rollout_steps = settings.rollout_steps;
         Observer {
             rollout_steps,
@@ -74,60 +97,54 @@ impl Observer {
             now: Values::new(),
             steps: 0,
             finite: true,
-            sums: vec![[0.0; 4]; rider.surrogate.advances().len()],
+            sums: vec![[0.0; 4]; candidate.describe().advances.len()],
             times: 0,
             one_steps: 0,
             write_errors: settings.write_errors,
             in_segments: first && settings.write_errors,
-            name: several.then(|| rider.surrogate.name().into()),
+            name: several.then(|| candidate.describe().name.clone()),
             difference: None,
             judged: Judged { estimates: vec![f64::INFINITY; rollout_steps], ..Judged::default() },
         }
     }
 
     /// What follows a step of the solver where it has arrived at the end of a stride, or where none is under way. Collective.
-    #[allow(clippy::too_many_arguments)]
     pub fn arrived(
         &mut self,
         comm: &Comm,
-        (surrogate, columns): (&mut dyn Surrogate, &[usize]),
-        shadow: &mut Shadow,
-        control: Option<&mut Control>,
+        layout: &Layout,
+        candidate: &mut Candidate,
         step: &Step,
-        given: &Given,
-        digits: (Digits, usize),
+        now: Now,
     ) -> Result<Observed> {
         let mut found = Observed::default();
-        let mut control = control;
-        if shadow.waiting {
-            let fraction = shadow.fraction(step, surrogate.stride());
-            let solver = given.values(comm, surrogate.advances())?;
-            let one_step = shadow.compare(comm, surrogate, &solver, fraction);
-            if let Some(control) = control.as_deref_mut().filter(|_| !shadow.idle) {
+        if candidate.shadow.waiting {
+            let fraction = candidate.shadow.fraction(step, candidate.stride());
+            let solver = advanced(candidate.surrogate.as_ref(), now.state);
+            let arrays = layout.pick(&candidate.surrogate.describe().advances);
+            let one_step = candidate.shadow.compare(comm, &arrays, &solver, fraction);
+            if let Some(control) = candidate.control.as_mut().filter(|_| !candidate.shadow.idle) {
                 control.measure(&one_step)?;
             }
             if self.steps > 0 {
-                self.compare(
-                    comm,
-                    (surrogate, columns),
-                    control.as_deref(),
-                    (&solver, &one_step, fraction),
-                    step,
-                    digits,
-                    &mut found,
-                );
+                self.compare(comm, layout, candidate, (&solver, &one_step, fraction), step, &now, &mut found);
             }
             if self.steps >= self.rollout_steps || !self.finite {
                 self.steps = 0;
             }
         }
-        match surrogate.is_ready(step.time) {
-            true => found.bad.extend(shadow.begin(comm, surrogate, step, given)?),
+        match candidate.is_ready(step.time) {
+            true => {
+                let start = Start { state: now.state, ahead: now.ahead };
+                found.bad.extend(candidate.shadow.begin(candidate.surrogate.as_mut(), step, start)?);
+            }
             // A rollout goes on, and is compared at the ends of its strides.
-            false if self.steps > 0 => shadow.begin_idle(comm, surrogate, step, given)?,
+            false if self.steps > 0 => {
+                candidate.shadow.begin_idle(candidate.surrogate.as_ref(), step, now.state);
+            }
             false => return Ok(found),
         }
-        self.go_on(surrogate, shadow, control.as_deref(), given, &mut found)?;
+        self.go_on(candidate, layout, &now, &mut found)?;
         Ok(found)
     }
 
@@ -135,14 +152,16 @@ impl Observer {
     fn compare(
         &mut self,
         comm: &Comm,
-        (surrogate, places): (&dyn Surrogate, &[usize]),
-        control: Option<&Control>,
+        layout: &Layout,
+        candidate: &Candidate,
         (solver, one_step, fraction): (&Values, &[StrideError], f64),
         step: &Step,
-        (digits, n_fields): (Digits, usize),
+        of: &Now,
         found: &mut Observed,
     ) {
-        let fields = surrogate.advances();
+        let digits = of.digits;
+        let description = candidate.describe();
+        let arrays = layout.pick(&description.advances);
         let pairs = self.old.iter().zip(&self.now).zip(solver);
         let differences: Values = pairs
             .map(|((old, now), solver)| {
@@ -150,27 +169,27 @@ impl Observer {
                 triples.map(|((o, n), s)| between(*o, *n, fraction) - s).collect()
             })
             .collect();
-        let rollout = rms(comm, fields, differences.iter().map(|d| d.iter().copied()));
+        let rollout = rms(comm, &arrays, differences.iter().map(|d| d.iter().copied()));
         let firsts = self.first.iter().zip(solver);
-        let hold_first = rms(comm, fields, firsts.map(|(f, s)| f.iter().zip(s).map(|(f, s)| f - s)));
+        let hold_first = rms(comm, &arrays, firsts.map(|(f, s)| f.iter().zip(s).map(|(f, s)| f - s)));
         let or_not = |error: f64| if error.is_infinite() { NOT_FINITE } else { error };
         self.one_steps += usize::from(!one_step.iter().any(|e| e.error.is_nan()));
         let mut columns = vec![digits.of(step.shown)];
         columns.extend(self.name.clone());
         columns.push(self.steps.to_string());
-        let mut figures = vec![[f64::NAN; 5]; n_fields];
+        let mut figures = vec![[f64::NAN; 5]; of.n_fields];
         let mut errors = Vec::new();
         for (i, sums) in self.sums.iter_mut().enumerate() {
             let rollout = if self.finite { rollout[i] } else { NOT_FINITE };
             let row = [or_not(one_step[i].error), one_step[i].change, rollout, hold_first[i]];
-            figures[places[i]] = [row[0], row[1], row[2], row[3], one_step[i].size];
+            figures[candidate.columns[i]] = [row[0], row[1], row[2], row[3], one_step[i].size];
             sums.iter_mut()
                 .zip(row)
                 .for_each(|(sum, value)| *sum += if value.is_nan() { 0.0 } else { value });
             errors.push(rollout);
         }
         columns.extend(figures.iter().flatten().map(|v| digits.of(*v)));
-        if let Some(control) = control {
+        if let Some(control) = &candidate.control {
             let error = control.relative(&errors).unwrap_or(f64::INFINITY);
             let estimate = self.judged.estimates[self.steps - 1];
             columns.extend([digits.of(error), digits.of(estimate)]);
@@ -183,63 +202,49 @@ impl Observer {
         found.errors = row(&columns);
         if self.write_errors && self.finite {
             if self.in_segments {
-                found.segments = in_segments(comm, surrogate, &differences, digits.of(step.shown), digits);
+                found.segments =
+                    in_segments(comm, description, layout, &differences, digits.of(step.shown), digits);
             }
             self.difference = Some((differences, step.name.clone()));
         }
         self.times += 1;
     }
 
-    /// A stride of the rollout, or its begin from the solver's fields. Collective.
+    /// A stride of the rollout, or its begin from the solver's state. Collective.
     fn go_on(
         &mut self,
-        surrogate: &mut dyn Surrogate,
-        shadow: &Shadow,
-        control: Option<&Control>,
-        given: &Given,
+        candidate: &mut Candidate,
+        layout: &Layout,
+        now: &Now,
         found: &mut Observed,
     ) -> Result<()> {
+        let Candidate { surrogate, shadow, control, .. } = candidate;
         if self.steps == 0 {
             if let Some(control) = control {
                 if control.state().is_none() {
                     // Nothing can be expected yet.
                     return Ok(());
                 }
-                let judged = &mut self.judged;
-                for (i, estimate) in judged.estimates.iter_mut().enumerate() {
-                    *estimate = control.estimate(i + 1);
-                }
-                judged.allowed = control.strides(self.rollout_steps);
-                judged.refused += usize::from(judged.allowed == 0);
+                self.judged.begin(control, self.rollout_steps);
             }
-            surrogate.begin_rollout();
+            if let Some(fits) = surrogate.fits_mut() {
+                fits.begin_rollout();
+            }
             self.first = shadow.start.clone();
             self.old = shadow.start.clone();
             self.now = shadow.predicted.clone();
             (self.finite, self.steps) = (shadow.finite, 1);
             return Ok(());
         }
-        // As the solver's, but for what the surrogate has advanced.
         self.old = self.now.clone();
-        let mut boundaries = Vec::new();
-        for (i, field) in given.fields.iter().enumerate() {
-            let own = surrogate.advances().iter().position(|a| a.name == field.name);
-            boundaries.push(own.map(|own| {
-                let held = given.held.get(i).copied().flatten();
-                (own, impose(field, held, &self.old[own], given.owners))
-            }));
-        }
-        let pairs = given.fields.iter().zip(&boundaries);
-        let fields: Vec<Field> = pairs
-            .map(|(field, own)| match own {
-                Some((own, boundary)) => Field { cells: &self.old[*own], boundary, ..*field },
-                None => *field,
-            })
-            .collect();
-        let own = Given { fields: &fields, ..*given };
         self.steps += 1;
-        let advanced = surrogate.advances().to_vec();
-        let followed = surrogate.follow(self.steps, own.fields, &mut places(&advanced, &mut self.now));
+        let followed = match surrogate.fits_mut() {
+            Some(fits) => fits.follow(self.steps, &mut self.now),
+            None => {
+                let state = self.imposed(surrogate.describe(), layout, now);
+                surrogate.predict(Start { state: &state, ahead: now.ahead }, &mut self.now)
+            }
+        };
         self.finite = followed.is_ok();
         match followed {
             Err(Error::Numerical(what)) => found.bad.push(what),
@@ -248,20 +253,36 @@ impl Observer {
         Ok(())
     }
 
+    /// The solver's state, but for what the surrogate has advanced: boundary faces that hold no value have that of their cell.
+    fn imposed(&self, description: &Description, layout: &Layout, now: &Now) -> Values {
+        let mut state = now.state.clone();
+        for (&array, cells) in description.advances.iter().zip(&self.old) {
+            let of = &layout.arrays()[array];
+            state[array].copy_from_slice(cells);
+            if let (Some(boundary), Some(held)) = (layout.at_boundary(&of.name), layout.held(&of.name)) {
+                let faces = now.owners.iter().zip(&now.state[held]);
+                let faces = faces.map(|(&owner, &held)| (owner as usize, held == 0.0));
+                let given = &now.state[boundary];
+                m4gn_domain::impose(of.components, faces, cells, given, &mut state[boundary]);
+            }
+        }
+        state
+    }
+
     /// The rollout minus the solver at the last time at which they were compared, and the name of that time.
     pub fn difference(&self) -> Option<&(Values, String)> {
         self.difference.as_ref()
     }
 
     /// What there is to be said at the end.
-    pub fn summary(&self, who: &str, rider: &Rider, digits: Digits) -> String {
+    pub fn summary(&self, who: &str, candidate: &Candidate, layout: &Layout, digits: Digits) -> String {
         if self.times == 0 {
             return format!("m4gn: {who} came to no end of a stride beside the solver; nothing observed\n\n");
         }
         let n = self.times as f64;
         let mut text =
             format!("m4gn: mean rms errors of {}, over cells and components, at {} times\n", who, self.times);
-        for (field, sums) in rider.surrogate.advances().iter().zip(&self.sums) {
+        for (field, sums) in layout.pick(&candidate.describe().advances).iter().zip(&self.sums) {
             let one = digits.of(sums[0] / self.one_steps.max(1) as f64);
             let [_, hold, rollout, first] = sums.map(|sum| digits.of(sum / n));
             text += &format!(
@@ -269,7 +290,7 @@ impl Observer {
                 field.name
             );
         }
-        if let Some(control) = &rider.control {
+        if let Some(control) = &candidate.control {
             let j = &self.judged;
             text += &format!(
                 "    control would have let {} rollouts go as jumps, of {} steps in the mean: the error at the end of {} of them was \
@@ -290,21 +311,21 @@ impl Ride<'_> {
     pub(crate) fn errors_head(&self) -> String {
         let digits = self.digits();
         let mut columns: Vec<String> = vec!["Time".into()];
-        if self.riders.len() > 1 {
+        if self.candidates.len() > 1 {
             columns.push("surrogate".into());
         }
         columns.push("steps".into());
-        for field in &self.fields {
+        for field in self.layout.pick(&self.fields) {
             let kinds = ["oneStep", "hold", "rollout", "holdFirst", "rms"];
-            columns.extend(kinds.map(|kind| format!("{kind}({field})")));
+            columns.extend(kinds.map(|kind| format!("{kind}({})", field.name)));
         }
         if self.settings.control.is_some() {
             columns.extend(["error".into(), "estimate".into()]);
         }
         let mut lines = vec!["Error of the surrogate against the solver".to_string()];
-        lines.extend(self.riders.iter().map(|r| r.surrogate.source()));
+        lines.extend(self.candidates.iter().map(|c| c.describe().source.clone()));
         let mut values: Vec<(&str, String)> =
-            self.riders.iter().map(|r| ("stride (s)", digits.of(r.surrogate.stride()))).collect();
+            self.candidates.iter().map(|c| ("stride (s)", digits.of(c.stride()))).collect();
         values.push(("rolloutSteps", self.settings.rollout_steps.to_string()));
         digits.header(&lines, &values, &columns)
     }
@@ -314,40 +335,30 @@ impl Ride<'_> {
         if !self.settings.write_errors {
             return String::new();
         }
-        let surrogate = self.riders[0].surrogate.as_ref();
+        let description = self.candidates[0].describe();
         let mut columns: Vec<String> = vec!["Time".into()];
-        for field in surrogate.advances() {
-            columns.extend((0..surrogate.segments().0.max(1)).map(|k| format!("{}:{k}", field.name)));
+        for field in self.layout.pick(&description.advances) {
+            columns.extend((0..description.segments.0.max(1)).map(|k| format!("{}:{k}", field.name)));
         }
-        let lines = ["Error of the surrogate's rollout in each segment".into(), surrogate.source()];
+        let lines = ["Error of the surrogate's rollout in each segment".into(), description.source.clone()];
         self.digits().header(&lines, &[], &columns)
     }
-}
-
-/// Boundary values of a field whose cells are these: the host's where they are held, else those of the face's cell.
-fn impose(field: &Field, held: Option<&[i32]>, cells: &[f64], owners: &[i32]) -> Vec<f64> {
-    let mut values = field.boundary.to_vec();
-    if let Some(held) = held {
-        let faces = owners.iter().zip(held);
-        let faces = faces.map(|(&owner, &held)| (owner as usize, held == 0));
-        m4gn_domain::impose(field.components, faces, cells, field.boundary, &mut values);
-    }
-    values
 }
 
 /// A row with the root mean square over the cells and solved components of each segment. Collective.
 fn in_segments(
     comm: &Comm,
-    surrogate: &dyn Surrogate,
+    description: &Description,
+    layout: &Layout,
     differences: &Values,
     time: String,
     digits: Digits,
 ) -> String {
-    let (count, labels) = surrogate.segments();
-    let count = count.max(1);
+    let (count, labels) = &description.segments;
+    let count = (*count).max(1);
     let label = |i: usize| labels.get(i).map_or(0, |&label| label as usize);
     let mut columns = vec![time];
-    for (field, values) in surrogate.advances().iter().zip(differences) {
+    for (field, values) in layout.pick(&description.advances).iter().zip(differences) {
         let mut sums = vec![0.0; 2 * count];
         for (i, cell) in values.chunks_exact(field.components).enumerate() {
             sums[label(i)] += cell.iter().map(|v| v * v).sum::<f64>();

@@ -5,23 +5,24 @@
 //! vary by about their mean. Beyond the tolerance the next jump has half as many strides at most, and none any more after one of a single
 //! stride; within it, half as many again as the last one that was limited.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// Values of the solver that a variation is taken over, at most.
 const WINDOW: usize = 2000;
 
-/// A result of another part of the run that is to be held.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct QuantitySettings {
-    /// Whose result it is: the name of a function object.
-    pub object: String,
-    /// Its name there.
-    pub result: String,
-    /// Largest error at the end of a jump, over what the quantity varies by.
-    pub tolerance: f64,
+settings! {
+    /// A result of another part of the run that is to be held.
+    pub struct QuantitySettings in "quantities" {
+        /// Name of the function object whose result it is.
+        pub object: String;
+        /// Name of the result.
+        pub result: String;
+        /// Largest error at the end of a jump, over what the result varies by.
+        pub tolerance: f64;
+    }
 }
 
 impl QuantitySettings {

@@ -5,7 +5,7 @@
 //! ```
 //! Numbers are little-endian; the description says how long each part is. Values at cells are in the order of the undecomposed mesh.
 
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::Path;

@@ -1,28 +1,28 @@
 //! The state machine: what a host tells, and what it is to do next.
 
+use crate::candidate::Candidate;
 use crate::control::Control;
 use crate::jump::Jump;
 use crate::log::Log;
 use crate::observe::Observer;
 use crate::quantities::Quantities;
-use crate::rider::Rider;
+use crate::registry::{Making, NETWORK, find};
 use crate::schedule::{Schedule, Step};
-use crate::settings::{AdaptEntries, Mode, RideSettings};
+use crate::settings::{Mode, RideSettings};
 use crate::surrogate::Surrogate;
 use crate::tables::Digits;
 use crate::totals::Totals;
-use crate::values::Given;
 use crate::watch::Watch;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
+use m4gn_state::{Layout, Role, Values};
+use std::sync::Arc;
 
 /// What a host is to do next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
     /// Let the solver make a step, and tell with [`Ride::solved`].
     Solve,
-    /// Ask with [`Ride::decide`].
-    Decide,
     /// Take a stride with [`Ride::stride`].
     Stride,
     /// Advance the time and the fields to what was predicted, and tell with [`Ride::advanced`].
@@ -40,18 +40,16 @@ pub struct Answer {
     pub surrogate: usize,
     /// Strides of the jump that are left; of [`Action::HandBack`] those that a run which is carried on from here takes: it was stopped.
     pub strides: usize,
-    /// Of [`Action::Advance`]: time by which the stride advances, s.
+    /// Of [`Action::Advance`]: time by which the stride advances, s; of [`Action::Stride`] the length of one.
     pub duration: f64,
-    /// And the steps of the solver that it stands for.
+    /// Of [`Action::Advance`] the steps of the solver that it stands for.
     pub solver_steps: i64,
     /// Whether one stride is left of the jump: the next state is handed back.
     pub last_but_one: bool,
-    /// Whether the next call is to be given the fields.
-    pub fields: bool,
-    /// Whether the arrays of the state are wanted by [`Ride::record`] first.
-    pub arrays: bool,
-    /// Steps of the solver since the last jump; -1: there was none.
-    pub since: i64,
+    /// Whether the next call of [`Ride::advanced`] or [`Ride::handed_back`] is to be given the state.
+    pub state: bool,
+    /// Of [`Action::Advance`] whether all arrays were made, or those alone that the surrogate advances.
+    pub whole: bool,
     /// Within a jump the solver's time step, s; else 0.
     pub delta_t: f64,
     /// Whether a surrogate has taken a stride, beside the solver or in its place.
@@ -63,8 +61,6 @@ pub struct Answer {
 pub(crate) enum Phase {
     /// The solver works.
     Solving,
-    /// It has made a step, or a run was carried on behind one.
-    Deciding,
     /// Strides are taken.
     Jumping(Jump),
     /// A stride was predicted.
@@ -73,24 +69,45 @@ pub(crate) enum Phase {
     HandingBack(Jump),
 }
 
+/// Says what the prescribed arrays will be a time from now on, s: it fills those, and leaves the others. All ranks call it.
+pub type Ahead<'a> = Box<dyn FnMut(f64, &mut Values) -> Result<()> + 'a>;
+
+/// What a host brings along.
+pub struct Host<'a> {
+    /// The arrays of its state.
+    pub layout: Arc<Layout>,
+    /// The surrogate `network`.
+    pub network: Option<Box<dyn Surrogate + 'a>>,
+    /// None: prescribed values do not change.
+    pub ahead: Option<Ahead<'a>>,
+    /// Numbers of this rank's nodes in the undecomposed mesh, in whose order a state is written.
+    pub global: Vec<i64>,
+    /// The cell of each boundary face.
+    pub owners: Vec<i32>,
+}
+
 /// A hybrid run.
 pub struct Ride<'a> {
     pub(crate) comm: Comm,
     pub(crate) settings: RideSettings,
-    pub(crate) adapt: AdaptEntries,
     pub(crate) schedule: Schedule,
-    pub(crate) riders: Vec<Rider<'a>>,
-    /// Fields of the tables: those of all surrogates.
-    pub(crate) fields: Vec<String>,
+    pub(crate) layout: Arc<Layout>,
+    pub(crate) candidates: Vec<Candidate<'a>>,
+    ahead: Option<Ahead<'a>>,
+    /// The state as it was given last, of those arrays that surrogates read or are measured by.
+    pub(crate) present: Values,
+    kept: Vec<bool>,
+    /// Arrays of the tables: those of all surrogates.
+    pub(crate) fields: Vec<usize>,
     pub(crate) watch: Watch,
     pub(crate) quantities: Quantities,
     pub(crate) totals: Totals,
     /// Number of this rank's rows in the undecomposed mesh.
     pub(crate) global: Vec<i64>,
+    /// The cell of each boundary face.
+    pub(crate) owners: Vec<i32>,
     /// Rows of the undecomposed mesh.
     pub(crate) rows: usize,
-    /// Time from which the solver's steps are frames, s.
-    pub(crate) adapt_start: f64,
     /// Index of the time step at which the solver last took over.
     pub(crate) handed_back: i64,
     pub(crate) phase: Phase,
@@ -102,80 +119,94 @@ pub struct Ride<'a> {
 }
 
 impl<'a> Ride<'a> {
-    /// Of surrogates on the host's mesh, from the present time on. `global`: the numbers of this rank's rows (cells) in the undecomposed
-    /// mesh, in whose order a state is written. Collective; all ranks fail together.
+    /// With the surrogates that the settings name, from the present time on. Collective; all ranks fail together.
     ///
     /// # Errors
     /// [`Error::Input`] for settings that do not fit the surrogates.
-    pub fn new(
-        comm: Comm,
-        surrogates: Vec<Box<dyn Surrogate + 'a>>,
-        settings: RideSettings,
-        global: Vec<i64>,
-        start: Step,
-    ) -> Result<Self> {
+    pub fn new(comm: Comm, host: Host<'a>, settings: RideSettings, start: Step) -> Result<Self> {
         let digits = Digits(settings.write_precision);
-        let adapt = settings.adapt_entries()?;
-        let observing = settings.mode == Mode::Observe;
-        if surrogates.is_empty() || surrogates.len() > 1 && !observing && settings.control.is_none() {
-            return Err(Error::Input(match surrogates.len() {
-                0 => "ride: expected at least one surrogate".into(),
-                n => format!(
-                    "ride: {n} surrogates: which one jumps is chosen by what they are off by beside the solver, which control measures; \
-                     give control, or one surrogate"
-                ),
-            }));
+        let Host { layout, mut network, ahead, global, owners } = host;
+        comm.agree_with(Ok(()), &layout.shared())?;
+        let mut surrogates: Vec<Box<dyn Surrogate + 'a>> = Vec::new();
+        for name in &settings.surrogates {
+            let making = Making { comm: &comm, layout: &layout, settings: &settings, start: &start };
+            surrogates.push(match (&name[..] == NETWORK, find(name)) {
+                (true, _) => network.take().ok_or_else(|| {
+                    Error::Input("ride: surrogates: network is named, and the host has none".into())
+                })?,
+                (false, Some(make)) => make(&making)?,
+                (false, None) => return Err(Error::Input(format!("ride: there is no surrogate {name}"))),
+            });
         }
+        if network.is_some() {
+            return Err(Error::Input("ride: the host has a network, and surrogates does not name it".into()));
+        }
+        let observing = settings.mode == Mode::Observe;
+        if surrogates.len() > 1 && !observing && settings.control.is_none() {
+            return Err(Error::Input(format!(
+                "ride: {} surrogates: which one jumps is decided by their errors beside the solver, which control measures; give control, \
+                 or one surrogate",
+                surrogates.len()
+            )));
+        }
+        let mut settings = settings;
+        watch_alike(&surrogates, &layout, &mut settings)?;
         let mut rows = [global.len() as i64];
         comm.sum_i64(&mut rows);
-        let mut settings = settings;
-        watch_alike(&surrogates, &mut settings)?;
-        let mut fields: Vec<String> = Vec::new();
-        for advanced in surrogates.iter().flat_map(|s| s.advances()) {
-            if !fields.contains(&advanced.name) {
-                fields.push(advanced.name.clone());
+        let (mut fields, mut kept) = (Vec::new(), vec![false; layout.arrays().len()]);
+        for description in surrogates.iter().map(|s| s.describe()) {
+            description.advances.iter().chain(&description.reads).for_each(|&i| kept[i] = true);
+            for &array in &description.advances {
+                if !fields.contains(&array) {
+                    fields.push(array);
+                }
             }
-        }
-        let mut log = Log::default();
-        let mut riders = Vec::new();
-        for surrogate in surrogates {
-            let stride = surrogate.stride();
+            let stride = description.stride;
             if stride < start.delta_t * (1.0 - 1e-6) {
                 return Err(Error::Input(format!(
                     "the stride of {}, {} s, is shorter than the solver's time step, {} s: nothing can be compared, or saved",
-                    surrogate.source(),
+                    description.source,
                     digits.of(stride),
                     digits.of(start.delta_t)
                 )));
             }
-            riders.push(Rider::new(surrogate, &settings, &fields, &mut log)?);
         }
-        let first_time = settings.time_start.unwrap_or(start.time);
+        if observing {
+            let held = layout.arrays().iter().zip(&mut kept).filter(|(a, _)| a.role == Role::Held);
+            held.for_each(|(_, kept)| *kept = true);
+        }
+        let mut log = Log::default();
+        let candidates =
+            surrogates.into_iter().map(|s| Candidate::new(s, &settings, &layout, &fields, &mut log));
+        let candidates = candidates.collect::<Result<_>>()?;
         let schedule = Schedule {
             start: settings.time_start.unwrap_or(f64::NEG_INFINITY),
             end: settings.time_end.unwrap_or(f64::INFINITY),
             solver_steps: settings.solver_steps.unwrap_or(1) as i64,
             surrogate_steps: settings.surrogate_steps.unwrap_or(1),
         };
-        let before = (first_time - start.time).max(0.0);
-        let adapt_start = adapt.start.unwrap_or(start.time + before / 3.0);
+        let present = layout.arrays().iter().zip(&kept);
+        let present = present.map(|(a, &kept)| vec![0.0; if kept { a.numbers() } else { 0 }]).collect();
         Ok(Ride {
             comm,
             schedule,
-            riders,
+            layout,
+            candidates,
+            ahead,
+            present,
+            kept,
             fields,
             watch: Watch::default(),
             quantities: Quantities::default(),
             totals: Totals::default(),
             global,
+            owners,
             rows: rows[0] as usize,
-            adapt_start,
             handed_back: start.index,
             phase: Phase::Solving,
             step: start,
             stepped: false,
             log,
-            adapt,
             settings,
         })
     }
@@ -185,19 +216,40 @@ impl<'a> Ride<'a> {
         &self.settings
     }
 
+    /// The arrays of the state.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
     /// Figures of tables and messages.
     pub(crate) fn digits(&self) -> Digits {
         Digits(self.settings.write_precision)
     }
 
-    /// The solver has made a step. Not collective.
+    /// Whether [`solved`](Self::solved) is to be given the state after this step. Not collective.
+    pub fn wants(&self, step: &Step) -> bool {
+        let on = !self.schedule.is_over(step) && self.schedule.has_begun(step);
+        // A stride beside the solver begins or ends here, or a jump that was waited for may begin.
+        let one =
+            |c: &Candidate| c.can_begin(step) || c.has_arrived(step) || c.fresh && c.is_ready(step.time);
+        let due = self.candidates.iter().any(one);
+        let measured = match (self.settings.mode, &self.settings.control) {
+            (Mode::Observe, _) => on && due,
+            (Mode::Replace, Some(_)) => self.is_measured(step) && due,
+            (Mode::Replace, None) => on && step.index - self.handed_back >= self.schedule.solver_steps,
+        };
+        measured || self.candidates.iter().any(|c| c.wants(step))
+    }
+
+    /// The solver has made a step. The state is that after it; it may be left out where [`wants`](Self::wants) says so. Collective; all ranks
+    /// fail together.
     ///
     /// # Errors
-    /// [`Error::Input`] within a jump, and for times that do not increase.
-    pub fn solved(&mut self, step: Step) -> Result<Answer> {
-        match self.phase {
-            Phase::Solving | Phase::Deciding => {}
-            _ => return Err(self.out_of_turn("solved")),
+    /// [`Error::Input`] within a jump, for times that do not increase, and for a state that does not fit or is missing;
+    /// [`Error::Numerical`] where the surrogates stay bad and the settings say stop.
+    pub fn solved(&mut self, step: Step, state: Option<&[&[f64]]>) -> Result<Answer> {
+        if self.phase != Phase::Solving {
+            return Err(self.out_of_turn("solved"));
         }
         if !(step.time.is_finite()
             && step.delta_t > 0.0
@@ -210,16 +262,68 @@ impl<'a> Ride<'a> {
             )));
         }
         self.check_interval(&step)?;
+        let wanted = self.wants(&step);
+        let state = self.checked("solved", state, wanted)?;
         if let Some(correctors) = step.correctors {
             let said = self.watch.stepped(&step.name, correctors);
             self.log.judged(said);
         }
-        if self.log.waited_for.is_some() {
-            self.totals.waited += step.time - self.step.time;
-        }
         self.step = step;
-        self.phase = Phase::Deciding;
-        Ok(self.deciding())
+        if let Some(state) = state.filter(|_| wanted) {
+            self.keep(state);
+            for candidate in &mut self.candidates {
+                if let (Some(control), Some(fits)) =
+                    (&mut candidate.fit_control, candidate.surrogate.fits_mut())
+                    && fits.wants(&self.step)
+                {
+                    self.log.text += &control.observe(fits, &self.step, state)?;
+                }
+            }
+        }
+        let answer = self.decided();
+        self.tell_measured();
+        answer
+    }
+
+    /// A state that is wanted must be there, and fit. Collective where it is wanted.
+    pub(crate) fn checked<'s>(
+        &self,
+        call: &str,
+        state: Option<&'s [&'s [f64]]>,
+        wanted: bool,
+    ) -> Result<Option<&'s [&'s [f64]]>> {
+        if wanted {
+            let missing = || {
+                Error::Input(format!(
+                    "ride: {call} needs the state, as the ride has said, and was given none"
+                ))
+            };
+            self.comm.agree(state.ok_or_else(missing).and_then(|s| self.layout.check(s)))?;
+        }
+        Ok(state)
+    }
+
+    /// The present state is this one.
+    pub(crate) fn keep(&mut self, state: &[&[f64]]) {
+        for ((to, from), _) in self.present.iter_mut().zip(state).zip(&self.kept).filter(|(_, kept)| **kept) {
+            to.copy_from_slice(from);
+        }
+    }
+
+    /// What the prescribed arrays will be a stride of this surrogate from now on, where it has to be known: of a fit's stride in a jump, and of
+    /// any beside an obstacle. Collective.
+    pub(crate) fn ahead(&mut self, candidate: usize, jumps: bool) -> Result<Option<Values>> {
+        let fits = jumps && self.candidates[candidate].fit_control.is_some();
+        let wanted = self.layout.is_prescribed() && (fits || self.layout.obstacle().is_some());
+        let Some(ahead) = self.ahead.as_mut().filter(|_| wanted) else {
+            return Ok(None);
+        };
+        let arrays = self.layout.arrays().iter();
+        let lengths = arrays.map(|a| if a.role == Role::Prescribed { a.numbers() } else { 0 });
+        let mut values: Values = lengths.map(|n| vec![0.0; n]).collect();
+        let said = ahead(self.candidates[candidate].stride(), &mut values);
+        self.comm.agree(said)?;
+        Ok(Some(values))
     }
 
     /// An observer that does not see the solver's steps compares where no stride ends, and errors are then those of an interpolation.
@@ -232,7 +336,7 @@ impl<'a> Ride<'a> {
             return Ok(());
         }
         let misses = |steps: f64| (steps - steps.round()).abs() >= 1e-3 * steps.max(1.0) || steps <= 0.5;
-        let strides = self.riders.iter().map(|r| r.surrogate.stride());
+        let strides = self.candidates.iter().map(|c| c.stride());
         match strides.map(|s| (s, s / interval)).find(|(_, steps)| misses(*steps)) {
             Some((stride, steps)) => Err(Error::Input(format!(
                 "ride: from time {} to {} it saw no step of the solver, and a stride of {} s is {} of such intervals: strides would be \
@@ -246,52 +350,29 @@ impl<'a> Ride<'a> {
         }
     }
 
-    pub(crate) fn deciding(&self) -> Answer {
-        Answer {
-            fields: self.wants_fields(),
-            arrays: self.riders.iter().any(|r| r.surrogate.records(&self.step)),
-            ..self.answer(Action::Decide)
-        }
-    }
-
     /// An answer with what is known anywhere.
     pub(crate) fn answer(&self, action: Action) -> Answer {
         let jump = match &self.phase {
             Phase::Jumping(jump) | Phase::Advancing(jump) | Phase::HandingBack(jump) => Some(jump),
-            _ => None,
+            Phase::Solving => None,
         };
+        let jumper = jump.map(|jump| self.candidates[jump.surrogate].describe());
         Answer {
             action,
             surrogate: jump.map_or(0, |jump| jump.surrogate),
             strides: jump.map_or(0, |_| self.left().max(0) as usize),
             delta_t: jump.map_or(0.0, |jump| jump.delta_t),
             stepped: self.stepped,
-            duration: match (action, jump) {
-                (Action::Stride, Some(jump)) => self.riders[jump.surrogate].surrogate.stride(),
-                _ => 0.0,
-            },
+            duration: jumper.filter(|_| action == Action::Stride).map_or(0.0, |d| d.stride),
             solver_steps: 0,
             last_but_one: false,
-            arrays: false,
-            fields: action == Action::Stride || action == Action::HandBack && self.wants_fields_after(),
-            since: match self.totals.jumps {
-                0 => -1,
-                _ => self.step.index - self.handed_back,
+            state: match action {
+                Action::Advance => jumper.is_some_and(|d| !d.is_whole),
+                Action::HandBack => self.is_controlled(),
+                _ => false,
             },
+            whole: jumper.is_some_and(|d| d.is_whole),
         }
-    }
-
-    fn wants_fields(&self) -> bool {
-        let step = &self.step;
-        let frame = self.is_learning() && self.riders.iter().any(|r| r.surrogate.learns());
-        let due = |r: &Rider| r.can_begin(step) || r.has_arrived(step) || r.surrogate.records(step);
-        let due = self.riders.iter().any(due);
-        let observed = self.settings.mode == Mode::Observe && self.is_on();
-        frame || due && (observed || self.is_controlled())
-    }
-
-    fn wants_fields_after(&self) -> bool {
-        self.is_learning() && self.riders.iter().any(|r| r.surrogate.learns()) || self.is_controlled()
     }
 
     /// Whether the surrogates have their time.
@@ -299,28 +380,14 @@ impl<'a> Ride<'a> {
         !self.schedule.is_over(&self.step) && self.schedule.has_begun(&self.step)
     }
 
-    /// Whether the solver's steps are frames.
-    pub(crate) fn is_learning(&self) -> bool {
-        let can = |r: &Rider| r.surrogate.can_learn();
-        let begun = |r: &Rider| r.surrogate.has_begun();
-        self.adapt.wanted
-            && self.riders.iter().any(can)
-            && !self.schedule.is_over(&self.step)
-            && (self.riders.iter().any(begun) || self.step.time >= self.adapt_start - 0.5 * self.step.delta_t)
-    }
-
-    /// Whether strides are taken beside the solver for jumps.
-    pub(crate) fn is_controlled(&self) -> bool {
-        let measured = |r: &Rider| self.schedule.is_measured(&self.step, r.surrogate.stride());
-        self.settings.mode == Mode::Replace
-            && self.settings.control.is_some()
-            && self.riders.iter().any(measured)
+    /// Whether strides beside the solver are of use.
+    pub(crate) fn is_measured(&self, step: &Step) -> bool {
+        self.candidates.iter().any(|c| self.schedule.is_measured(step, c.stride()))
     }
 
     pub(crate) fn out_of_turn(&self, call: &str) -> Error {
         let expected = match self.phase {
             Phase::Solving => "solved",
-            Phase::Deciding => "decide",
             Phase::Jumping(_) => "stride",
             Phase::Advancing(_) => "advanced",
             Phase::HandingBack(_) => "handed_back",
@@ -328,84 +395,72 @@ impl<'a> Ride<'a> {
         Error::Input(format!("ride: {call} was called where {expected} is due"))
     }
 
-    /// What follows a step of the solver. The fields are those after it; they may be left out where the answer before says so.
-    /// Collective; all ranks fail together.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for fields that do not fit; [`Error::Numerical`] where a surrogate stays bad and the settings say stop; what
-    /// learning may fail with.
-    pub fn decide(&mut self, given: &Given) -> Result<Answer> {
-        if self.phase != Phase::Deciding {
-            return Err(self.out_of_turn("decide"));
-        }
-        self.frame(false, given)?;
-        let answer = self.decided(given);
-        self.tell_measured();
-        self.tell_waiting();
-        answer
-    }
-
-    fn decided(&mut self, given: &Given) -> Result<Answer> {
+    /// What follows a step of the solver. Collective.
+    fn decided(&mut self) -> Result<Answer> {
         let controlled = self.is_controlled();
         if controlled {
-            self.measure(given)?;
+            self.measure()?;
         }
-        if self.is_on() {
-            match self.settings.mode {
-                Mode::Observe => self.observe(given)?,
-                Mode::Replace => {
-                    if let Some(jump) = self.next_jump()? {
-                        self.phase = Phase::Jumping(jump);
-                        return Ok(self.answer(Action::Stride));
-                    }
-                }
-            }
+        if self.is_on() && self.settings.mode == Mode::Observe {
+            self.observe()?;
         }
-        if controlled {
-            self.begin_shadows(false, given)?;
+        let answer = self.begun()?;
+        if controlled && answer.action == Action::Solve {
+            self.begin_shadows(false)?;
         }
-        self.phase = Phase::Solving;
+        Ok(answer)
+    }
+
+    /// A jump, where one is due. Collective.
+    pub(crate) fn begun(&mut self) -> Result<Answer> {
+        if self.is_on()
+            && self.settings.mode == Mode::Replace
+            && let Some(jump) = self.next_jump()?
+        {
+            self.phase = Phase::Jumping(jump);
+            return Ok(self.answer(Action::Stride));
+        }
         Ok(self.answer(Action::Solve))
     }
 
-    /// The present fields are a frame. Collective.
-    pub(crate) fn frame(&mut self, begins: bool, given: &Given) -> Result<()> {
-        if self.is_learning() {
-            for rider in self.riders.iter_mut().filter(|r| r.surrogate.learns()) {
-                rider.surrogate.frame(self.step.time, begins, given.fields)?;
-            }
-        }
-        Ok(())
-    }
-
     /// Mode observe. Collective.
-    fn observe(&mut self, given: &Given) -> Result<()> {
+    fn observe(&mut self) -> Result<()> {
         let digits = self.digits();
-        if self.riders.iter().all(|r| r.observer.is_none()) {
-            self.learn(self.settings.rollout_steps)?;
-            let several = self.riders.len() > 1;
-            for (i, rider) in self.riders.iter_mut().enumerate() {
-                rider.observer = Some(Observer::new(rider, &self.settings, i == 0, several));
+        if self.candidates.iter().all(|c| c.observer.is_none()) {
+            let several = self.candidates.len() > 1;
+            for (i, candidate) in self.candidates.iter_mut().enumerate() {
+                candidate.observer = Some(Observer::new(candidate, &self.settings, i == 0, several));
             }
             self.log.observed_head = [self.errors_head(), self.segments_head()];
         }
-        for rider in &mut self.riders {
-            if rider.shadow.waiting && !rider.has_arrived(&self.step) {
+        for i in 0..self.candidates.len() {
+            let candidate = &self.candidates[i];
+            let due = match candidate.shadow.waiting {
+                true => candidate.has_arrived(&self.step),
+                false => candidate.can_begin(&self.step),
+            };
+            if !due {
                 continue;
             }
-            let Some(observer) = &mut rider.observer else {
-                continue;
-            };
+            let ahead = self.ahead(i, false)?;
+            let candidate = &mut self.candidates[i];
+            let Some(mut observer) = candidate.observer.take() else { continue };
             let found = observer.arrived(
                 &self.comm,
-                (rider.surrogate.as_mut(), &rider.columns[..]),
-                &mut rider.shadow,
-                rider.control.as_mut(),
+                &self.layout,
+                candidate,
                 &self.step,
-                given,
-                (digits, self.fields.len()),
-            )?;
-            self.stepped |= rider.shadow.waiting;
+                crate::observe::Now {
+                    state: &self.present,
+                    ahead: ahead.as_ref(),
+                    owners: &self.owners,
+                    digits,
+                    n_fields: self.fields.len(),
+                },
+            );
+            candidate.observer = Some(observer);
+            let found = found?;
+            self.stepped |= self.candidates[i].shadow.waiting;
             self.log.observed += &found.errors;
             self.log.segments += &found.segments;
             found.bad.into_iter().for_each(|bad| self.log.not_finite(&self.step.name, Some(bad)));
@@ -413,58 +468,43 @@ impl<'a> Ride<'a> {
         Ok(())
     }
 
-    /// A round of learning for jumps of so many strides. Collective.
-    pub(crate) fn learn(&mut self, strides: usize) -> Result<()> {
-        if !self.is_learning() {
-            return Ok(());
-        }
-        for rider in &mut self.riders {
-            if !rider.surrogate.learns() {
-                continue;
-            }
-            let Some(lesson) = rider.surrogate.learn(strides)? else {
-                continue;
-            };
-            self.totals.learned(&lesson);
-            self.log.lesson(&lesson, self.totals.adapt_seconds, self.step.wall);
-            if let Some(path) = self.adapt.write_model.as_ref().filter(|_| lesson.used) {
-                rider.surrogate.write_model(path)?;
-            }
-        }
-        Ok(())
-    }
-
     /// The controller of a surrogate; none: there is none.
     pub fn control(&self, surrogate: usize) -> Option<&Control> {
-        self.riders.get(surrogate)?.control.as_ref()
+        self.candidates.get(surrogate)?.control.as_ref()
     }
 
-    /// The rollout of an observed surrogate minus the solver at the cells of each advanced field, and the name of the time at which they
-    /// were compared last; none before.
-    pub fn difference(&self, surrogate: usize) -> Option<(&[Vec<f64>], &str)> {
-        let (values, time) = self.riders.get(surrogate)?.observer.as_ref()?.difference()?;
-        Some((values, time))
+    /// The rollout of an observed surrogate minus the solver, of an array that it advances, and the name of the time at which they were
+    /// compared last; none before.
+    pub fn difference(&self, surrogate: usize, array: usize) -> Option<(&[f64], &str)> {
+        let candidate = self.candidates.get(surrogate)?;
+        let place = candidate.describe().advances.iter().position(|&a| a == array)?;
+        let (values, time) = candidate.observer.as_ref()?.difference()?;
+        Some((&values[place], time))
     }
 }
 
-/// Surrogates are compared by the same fields: where none are named, the first that all of them advance.
-fn watch_alike(surrogates: &[Box<dyn Surrogate + '_>], settings: &mut RideSettings) -> Result<()> {
+/// Surrogates are compared by the same arrays: where none are named, the first that all of them advance.
+fn watch_alike(
+    surrogates: &[Box<dyn Surrogate + '_>],
+    layout: &Layout,
+    settings: &mut RideSettings,
+) -> Result<()> {
     let Some(control) = settings.control.as_mut().filter(|c| c.fields.is_none() && surrogates.len() > 1)
     else {
         return Ok(());
     };
-    let advances = |s: &dyn Surrogate, name: &str| s.advances().iter().any(|a| a.name == name);
-    let first =
-        surrogates[0].advances().iter().find(|a| surrogates.iter().all(|s| advances(s.as_ref(), &a.name)));
+    let name = |array: usize| layout.arrays()[array].name.clone();
+    let first = surrogates[0].describe().advances.iter();
+    let first = first.copied().find(|a| surrogates.iter().all(|s| s.describe().advances.contains(a)));
     match first {
-        Some(field) => control.fields = Some(vec![field.name.clone()]),
+        Some(array) => control.fields = Some(vec![name(array)]),
         None => {
             let all = surrogates.iter().map(|s| {
-                let names: Vec<&str> = s.advances().iter().map(|a| a.name.as_str()).collect();
-                format!("{} advances {}", s.name(), names.join(" "))
+                let names: Vec<String> = s.describe().advances.iter().map(|&a| name(a)).collect();
+                format!("{} advances {}", s.describe().name, names.join(" "))
             });
             return Err(Error::Input(format!(
-                "ride: surrogates are compared by what they are off by in the same field, and there is none that all advance: {}",
+                "ride: surrogates are compared by their errors in the same field, and there is none that all advance: {}",
                 all.collect::<Vec<_>>().join(", ")
             )));
         }

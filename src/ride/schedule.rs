@@ -17,8 +17,6 @@ pub struct Step {
     pub shown: f64,
     /// Correctors that the solver took in this step, and its cap; none of a solver that has none.
     pub correctors: Option<[usize; 2]>,
-    /// Wall time of the run so far, s; 0: not known.
-    pub wall: f64,
 }
 
 /// The part of the schedule that the settings fix.

@@ -1,22 +1,15 @@
 //! What a case sets of a ride: one JSON object, with one check.
 
 use crate::control::ControlSettings;
-use crate::linear::LinearSettings;
+use crate::dmd_settings::DmdSettings;
 use crate::quantities::QuantitySettings;
-use m4gn_mesh::{Error, Result};
-use m4gn_model::settings;
+use crate::registry::{KINDS, NETWORK, find};
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
-use std::path::PathBuf;
-
-/// Strides of a rollout where nothing else is said.
-const ROLLOUT: usize = 50;
 
 /// Tolerance of control where a surrogate needs it and nothing is said.
 const TOLERANCE: f64 = 0.05;
-
-/// Significant digits where nothing else is said.
-const PRECISION: usize = 6;
 
 /// Most of them: more tell nothing.
 const MOST_DIGITS: usize = 20;
@@ -31,97 +24,43 @@ pub enum Mode {
     Replace,
 }
 
-/// Settings of a ride; of mode observe, `mode` suffices.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RideSettings {
-    /// What the surrogates do.
-    pub mode: Mode,
-    /// Which surrogates there are; none: a network.
-    #[serde(default = "network")]
-    pub surrogates: Vec<Kind>,
-    /// Settings of the linear one.
-    #[serde(default)]
-    pub linear: Option<LinearSettings>,
-    /// Name of the ride in messages.
-    #[serde(default)]
-    pub name: String,
-    /// Steps of the solver before each jump (replace).
-    #[serde(default)]
-    pub solver_steps: Option<usize>,
-    /// Strides of a jump, with control at most (replace).
-    #[serde(default)]
-    pub surrogate_steps: Option<usize>,
-    /// Strides after which a rollout begins anew (observe).
-    #[serde(default = "rollout")]
-    pub rollout_steps: usize,
-    /// Whether errors are told for each segment, and kept for each cell (observe).
-    #[serde(default)]
-    pub write_errors: bool,
-    /// The solver is alone before, s; none: from the start.
-    #[serde(default)]
-    pub time_start: Option<f64>,
-    /// And after, s; none: to the end.
-    #[serde(default)]
-    pub time_end: Option<f64>,
-    /// How far jumps may go; none: as far as `surrogate_steps` says.
-    #[serde(default)]
-    pub control: Option<ControlSettings>,
-    /// What other parts of the run report, and how far off it may be at the end of a jump (replace).
-    #[serde(default)]
-    pub quantities: Vec<QuantitySettings>,
-    /// How the surrogates learn from the solver's steps: their own settings, with `start` and `write_model`; none: they do not.
-    #[serde(default)]
-    pub adapt: Option<Value>,
-    /// Significant digits of tables and messages.
-    #[serde(default = "precision")]
-    pub write_precision: usize,
-    /// Where the model is from, in messages and tables.
-    #[serde(default)]
-    pub model: String,
-    /// What the host keeps in the state for itself, any text ([`crate::host_of`]).
-    #[serde(default)]
-    pub host: String,
-    /// Wall time that making the surrogates took, s: for the summary.
-    #[serde(default)]
-    pub setup_seconds: f64,
-}
-
-/// A kind of surrogate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Kind {
-    /// A trained network.
-    Network,
-    /// One that is fitted to the run's own states.
-    Linear,
-}
-
-fn network() -> Vec<Kind> {
-    vec![Kind::Network]
-}
-
-fn rollout() -> usize {
-    ROLLOUT
-}
-
-fn precision() -> usize {
-    PRECISION
-}
-
-/// The entries of `adapt` that are the ride's own.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct AdaptEntries {
-    /// Whether anything is to be learned.
-    pub wanted: bool,
-    /// Time from which steps of the solver are frames, s; none: a third of the time before `time_start`.
-    pub start: Option<f64>,
-    /// Where the adapted model goes; none: nowhere.
-    pub write_model: Option<PathBuf>,
-    /// The rest: settings of the learning, the text of a JSON object.
-    pub learning: String,
-    /// Whether there is learning after jumps too.
-    pub during: bool,
+settings! {
+    /// Settings of a ride; of mode observe, `mode` suffices.
+    pub struct RideSettings in "ride" {
+        /// `replace`: surrogates take over stretches of time steps; `observe`: they run beside the solver, and their errors are reported.
+        pub mode: Mode;
+        /// What takes the solver's place: `network`, a trained model; `dmd`, which is fitted to the run's own states and needs no model;
+        /// or both: the network jumps until a fit holds, then the fit.
+        pub surrogates: Vec<String> = vec![NETWORK.to_string()], "network";
+        /// How the dmd surrogate is fitted (dictionary).
+        pub dmd: Option<DmdSettings> = None, "its defaults";
+        /// replace: time steps of the solver before each jump.
+        pub solver_steps: Option<usize> = None, "required in mode replace; with dmd 1";
+        /// replace: strides of a jump, with `control` at most.
+        pub surrogate_steps: Option<usize> = None, "required in mode replace; with dmd `maxJump`";
+        /// observe: strides after which a rollout begins anew.
+        pub rollout_steps: usize = 50;
+        /// observe: where rollouts are off, at each cell and in each segment.
+        pub write_errors: bool = false;
+        /// The solver is alone before.
+        pub time_start: Option<f64> [s] = None, "start of the run";
+        /// The solver is alone after.
+        pub time_end: Option<f64> [s] = None, "end of the run";
+        /// How far a jump may go (dictionary); observe: what it would have done.
+        pub control: Option<ControlSettings> = None, "`surrogateSteps`, always; with dmd in mode replace `tolerance` 0.05";
+        /// replace: list of results of other parts of the run that are held at the ends of jumps (dictionaries).
+        pub quantities: Vec<QuantitySettings> = Vec::new(), "none";
+        /// Significant digits of tables and messages.
+        pub write_precision: usize = 6;
+        /// Name of the ride in messages.
+        pub name: String = String::new();
+        /// Where the model is from, in messages and tables.
+        pub model: String = String::new();
+        /// Any text that the host keeps in the state for itself, of the first rank.
+        pub host: String = String::new();
+        /// Wall time that making the surrogates took, for the summary.
+        pub setup_seconds: f64 [s] = 0.0;
+    }
 }
 
 impl RideSettings {
@@ -130,14 +69,17 @@ impl RideSettings {
     /// # Errors
     /// [`Error::Input`] naming the entry, what was found and what is expected.
     pub fn parse(text: &str) -> Result<Self> {
-        let mut read: Self = settings::parse("ride", text, &["adapt"])?;
-        if read.has(Kind::Linear) {
-            let linear = read.linear.get_or_insert_default();
+        let mut read: Self = settings::parse("ride", text, &[])?;
+        if read.has("dmd") {
+            let dmd = read.dmd.get_or_insert_default();
             // How far each goes it says itself, once it is measured beside the solver.
             if read.mode == Mode::Replace {
                 read.control.get_or_insert_with(|| ControlSettings::of(TOLERANCE));
                 read.solver_steps.get_or_insert(1);
-                read.surrogate_steps.get_or_insert(linear.longest);
+                read.surrogate_steps.get_or_insert(dmd.max_jump);
+            }
+            if !dmd.keep {
+                dmd.file = None;
             }
         }
         read.check()?;
@@ -145,20 +87,27 @@ impl RideSettings {
     }
 
     /// Whether there is a surrogate of this kind.
-    pub fn has(&self, kind: Kind) -> bool {
-        self.surrogates.contains(&kind)
+    pub fn has(&self, kind: &str) -> bool {
+        self.surrogates.iter().any(|s| s == kind)
     }
 
     fn check(&self) -> Result<()> {
         let bad = |what: String| Err(Error::Input(format!("ride: {what}")));
-        let twice = |kind: &Kind| self.surrogates.iter().filter(|k| *k == kind).count() > 1;
-        if self.surrogates.is_empty() || self.surrogates.iter().any(twice) {
-            return bad("surrogates: expected network, linear, or both, each once".into());
+        let twice = |kind: &String| self.surrogates.iter().filter(|k| *k == kind).count() > 1;
+        let unknown = |kind: &String| kind != NETWORK && find(kind).is_none();
+        if self.surrogates.is_empty() || self.surrogates.iter().any(|kind| twice(kind) || unknown(kind)) {
+            let known: Vec<&str> =
+                std::iter::once(NETWORK).chain(KINDS.iter().map(|(name, _)| *name)).collect();
+            return bad(format!(
+                "surrogates: expected some of {}, each once, found ({})",
+                known.join(", "),
+                self.surrogates.join(" ")
+            ));
         }
-        if self.linear.is_some() && !self.has(Kind::Linear) {
-            return bad("linear: its settings are given, and surrogates does not name it".into());
+        if self.dmd.is_some() && !self.has("dmd") {
+            return bad("dmd: its settings are given, and surrogates does not name it".into());
         }
-        self.linear.as_ref().map_or(Ok(()), LinearSettings::check)?;
+        self.dmd.as_ref().map_or(Ok(()), DmdSettings::check)?;
         let counts = [("solverSteps", self.solver_steps), ("surrogateSteps", self.surrogate_steps)];
         for (name, count) in counts {
             match (self.mode, count) {
@@ -190,41 +139,7 @@ impl RideSettings {
         if self.mode == Mode::Observe && !self.quantities.is_empty() {
             return bad("quantities: they are held at the ends of jumps, and mode observe has none; expected mode replace".into());
         }
-        self.adapt_entries().map(|_| ())
-    }
-
-    /// What `adapt` says.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for entries of another kind than they should be.
-    pub fn adapt_entries(&self) -> Result<AdaptEntries> {
-        let bad = |what: &str| Err(Error::Input(format!("adapt: {what}")));
-        let Some(adapt) = &self.adapt else {
-            return Ok(AdaptEntries::default());
-        };
-        let Value::Object(mut entries) = adapt.clone() else {
-            return bad("expected an object with settings");
-        };
-        let start = match entries.remove("start") {
-            None => None,
-            Some(value) => match value.as_f64() {
-                Some(start) => Some(start),
-                None => return bad("start: expected a time"),
-            },
-        };
-        let write_model = match entries.remove("writeModel") {
-            None | Some(Value::Bool(false) | Value::Null) => None,
-            Some(Value::String(path)) => Some(PathBuf::from(path)),
-            Some(_) => return bad("writeModel: expected the path of a file, or false"),
-        };
-        let mode = entries.get("mode").and_then(Value::as_str).unwrap_or("before");
-        let (wanted, during) = (mode != "off", mode == "during");
-        if self.mode == Mode::Observe && during {
-            return bad(
-                "mode: found during, which adapts after jumps, and mode observe has none; expected before",
-            );
-        }
-        Ok(AdaptEntries { wanted, start, write_model, learning: Value::Object(entries).to_string(), during })
+        Ok(())
     }
 }
 
@@ -254,27 +169,9 @@ mod tests {
             ),
             (r#"{"mode": "observe", "control": {"tolerance": 0}}"#, "tolerance 0"),
             (r#"{"mode": "observe", "control": {}}"#, "tolerance"),
-            (r#"{"mode": "observe", "adapt": {"start": "now"}}"#, "start"),
-            (r#"{"mode": "observe", "adapt": {"writeModel": true}}"#, "writeModel"),
-            (r#"{"mode": "observe", "adapt": {"mode": "during"}}"#, "during"),
-            (r#"{"mode": "observe", "adapt": 3}"#, "an object"),
         ] {
             let error = RideSettings::parse(text).unwrap_err().to_string();
             assert!(error.contains(words), "{text}: {error}");
         }
-    }
-
-    #[test]
-    fn the_entries_of_adapt_are_told_apart() {
-        let of = |text: &str| RideSettings::parse(text).unwrap().adapt_entries().unwrap();
-        assert_eq!(of(r#"{"mode": "observe"}"#), AdaptEntries::default());
-        let entries = of(r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4,
-                "adapt": {"start": 2, "writeModel": "a.safetensors", "mode": "during", "maxFrames": 9}}"#);
-        assert!(entries.wanted && entries.during);
-        assert_eq!((entries.start, entries.write_model), (Some(2.0), Some("a.safetensors".into())));
-        assert_eq!(entries.learning, r#"{"maxFrames":9,"mode":"during"}"#);
-        assert!(!of(r#"{"mode": "observe", "adapt": {"mode": "off"}}"#).wanted);
-        let observed = of(r#"{"mode": "observe", "adapt": {"steps": 7}}"#);
-        assert_eq!(observed.learning, r#"{"steps":7}"#);
     }
 }

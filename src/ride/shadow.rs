@@ -4,10 +4,11 @@
 
 use crate::control::StrideError;
 use crate::schedule::Step;
-use crate::surrogate::Surrogate;
-use crate::values::{Given, Values, between, levels, places, rms};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use crate::surrogate::{Start, Surrogate};
+use crate::values::{between, levels, rms};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
+use m4gn_state::{Array, Values};
 
 /// Two times this near, as a part of a stride, are the same.
 const SAME: f64 = 1e-6;
@@ -23,55 +24,51 @@ pub(crate) struct Shadow {
     pub finite: bool,
     /// Whether the surrogate took no stride: the solver is waited for alone.
     pub idle: bool,
-    /// The advanced fields of the solver at the start.
+    /// The advanced arrays of the solver at the start.
     pub start: Values,
     /// One stride from them.
     pub predicted: Values,
 }
 
-/// What a surrogate said: whether its result is finite, and if not, what is to be said of it.
+/// A stride. Says why its result must not be used, where that is so.
 pub(crate) fn predict(
     surrogate: &mut dyn Surrogate,
-    given: &Given,
-    values: &mut Values,
+    start: Start,
+    next: &mut Values,
 ) -> Result<Option<String>> {
-    let advanced = surrogate.advances().to_vec();
-    match surrogate.step(given.fields, &mut places(&advanced, values)) {
+    match surrogate.predict(start, next) {
         Ok(()) => Ok(None),
         Err(Error::Numerical(what)) => Ok(Some(what)),
         Err(e) => Err(e),
     }
 }
 
+/// The arrays that a surrogate advances, of all of a state.
+pub(crate) fn advanced(surrogate: &dyn Surrogate, state: &Values) -> Values {
+    surrogate.describe().advances.iter().map(|&i| state[i].clone()).collect()
+}
+
 impl Shadow {
-    /// Predicts from the solver's present fields. Says what is to be said of a result that is not finite. Collective.
+    /// Predicts from the solver's present state. Says why the result must not be used, where that is so. Collective.
     pub fn begin(
         &mut self,
-        comm: &Comm,
         surrogate: &mut dyn Surrogate,
         step: &Step,
-        given: &Given,
+        start: Start,
     ) -> Result<Option<String>> {
-        self.start = given.values(comm, surrogate.advances())?;
+        self.start = advanced(surrogate, start.state);
         self.predicted = self.start.clone();
-        let bad = predict(surrogate, given, &mut self.predicted)?;
+        let bad = predict(surrogate, start, &mut self.predicted)?;
         (self.finite, self.begun, self.waiting) = (bad.is_none(), step.time, true);
         self.idle = false;
         Ok(bad)
     }
 
-    /// Waits for where the solver comes in a stride, without a prediction. Collective.
-    pub fn begin_idle(
-        &mut self,
-        comm: &Comm,
-        surrogate: &dyn Surrogate,
-        step: &Step,
-        given: &Given,
-    ) -> Result<()> {
-        self.start = given.values(comm, surrogate.advances())?;
+    /// Waits for where the solver comes in a stride, without a prediction.
+    pub fn begin_idle(&mut self, surrogate: &dyn Surrogate, step: &Step, state: &Values) {
+        self.start = advanced(surrogate, state);
         self.predicted = self.start.clone();
         (self.finite, self.begun, self.waiting, self.idle) = (true, step.time, true, true);
-        Ok(())
     }
 
     /// Part of the stride that the solver has come, near 1.
@@ -85,15 +82,15 @@ impl Shadow {
         self.waiting && self.fraction(step, stride) > 1.0 - 0.5 * step.delta_t / stride
     }
 
-    /// Compares with the solver's values where it has arrived, and ends. The error is no number where there was no prediction. Collective.
+    /// Compares with the solver's values of the advanced arrays where it has arrived, and ends. The error is no number where there was no
+    /// prediction. Collective.
     pub fn compare(
         &mut self,
         comm: &Comm,
-        surrogate: &dyn Surrogate,
+        fields: &[&Array],
         now: &Values,
         fraction: f64,
     ) -> Vec<StrideError> {
-        let fields = surrogate.advances();
         let predicted = self.start.iter().zip(&self.predicted).zip(now);
         let off = predicted.map(|((old, new), now)| {
             let triples = old.iter().zip(new).zip(now);
@@ -127,13 +124,17 @@ mod tests {
     use super::*;
     use crate::toy::{self, Toy, at};
 
+    fn start(state: &Values) -> Start<'_> {
+        Start { state, ahead: None }
+    }
+
     #[test]
     fn a_stride_is_compared_where_the_solver_arrives_between_two_strides() {
         let (comm, mut toy) = (Comm::serial(), Toy::new(0.5).biased(0.25));
+        let layout = toy::layout();
         let mut shadow = Shadow::default();
         assert!(!shadow.has_arrived(&at(1.0, 0.2, 9.0, 0), 0.5), "nothing is under way");
-        let given = toy::given(1.0);
-        let bad = given.with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.2, 9.0, 0), g)).unwrap();
+        let bad = shadow.begin(&mut toy, &at(1.0, 0.2, 9.0, 0), start(&toy::state(1.0))).unwrap();
         assert_eq!(bad, None);
         // Steps of 0.2: that of 1.4 is nearest to 1.5, and 4/5 of the way.
         assert!(!shadow.has_arrived(&at(1.2, 0.2, 9.0, 1), 0.5));
@@ -143,8 +144,8 @@ mod tests {
         assert!(shadow.has_arrived(&step, 0.5));
         let fraction = shadow.fraction(&step, 0.5);
         assert!((fraction - 1.2).abs() < 1e-12);
-        let now = toy::given(1.6).with(|g| g.values(&comm, toy.advances())).unwrap();
-        let rows = shadow.compare(&comm, &toy, &now, fraction);
+        let now = advanced(&toy, &toy::state(1.6));
+        let rows = shadow.compare(&comm, &layout.pick(&[0]), &now, fraction);
         // On paper: from the start along the chord to what was predicted, extended, against where the solver is.
         let chord = |i: usize| {
             let (start, end) = (toy::solver(1.0)[i], toy::solver(1.5)[i] + 0.25);
@@ -163,16 +164,16 @@ mod tests {
     #[test]
     fn errors_are_relative_to_what_varies_and_not_to_a_level() {
         let (comm, mut toy) = (Comm::serial(), Toy::new(0.5));
+        let layout = toy::layout();
         let mut shadow = Shadow::default();
         // 300 K, and a tenth of a kelvin more in one of the cells.
         let warm = toy::of([300.0, 300.1]);
-        warm.with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.1, 9.0, 0), g)).unwrap();
-        let now = warm.with(|g| g.values(&comm, toy.advances())).unwrap();
-        let rows = shadow.compare(&comm, &toy, &now, 1.0);
+        shadow.begin(&mut toy, &at(1.0, 0.1, 9.0, 0), start(&warm)).unwrap();
+        let rows = shadow.compare(&comm, &layout.pick(&[0]), &advanced(&toy, &warm), 1.0);
         assert!((rows[0].variation - 0.05).abs() < 1e-9 && rows[0].size > 300.0, "{rows:?}");
         // A field that is the same everywhere varies by what it changes.
-        warm.with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.1, 9.0, 0), g)).unwrap();
-        let rows = shadow.compare(&comm, &toy, &vec![vec![302.0, 302.0]], 1.0);
+        shadow.begin(&mut toy, &at(1.0, 0.1, 9.0, 0), start(&warm)).unwrap();
+        let rows = shadow.compare(&comm, &layout.pick(&[0]), &vec![vec![302.0, 302.0]], 1.0);
         assert!((rows[0].variation - rows[0].change).abs() < 1e-12 && rows[0].change > 1.9, "{rows:?}");
     }
 
@@ -180,25 +181,10 @@ mod tests {
     fn a_prediction_that_is_not_finite_has_an_infinite_error() {
         let (comm, mut toy) = (Comm::serial(), Toy::new(0.5).broken_above(f64::NEG_INFINITY));
         let mut shadow = Shadow::default();
-        let given = toy::given(1.0);
-        let bad = given.with(|g| shadow.begin(&comm, &mut toy, &at(1.0, 0.1, 9.0, 0), g)).unwrap();
+        let bad = shadow.begin(&mut toy, &at(1.0, 0.1, 9.0, 0), start(&toy::state(1.0))).unwrap();
         assert!(bad.is_some_and(|what| what.contains("not finite")));
-        let now = toy::given(1.5).with(|g| g.values(&comm, toy.advances())).unwrap();
-        let rows = shadow.compare(&comm, &toy, &now, 1.0);
+        let rows = shadow.compare(&comm, &toy::layout().pick(&[0]), &advanced(&toy, &toy::state(1.5)), 1.0);
         assert_eq!(rows[0].error, f64::INFINITY);
         assert!(rows[0].change > 0.0);
-    }
-
-    #[test]
-    fn fields_that_do_not_fit_are_named() {
-        let (comm, mut toy) = (Comm::serial(), Toy::new(0.5));
-        let (mut shadow, step) = (Shadow::default(), at(1.0, 0.1, 9.0, 0));
-        let none = Given::default();
-        let missing = shadow.begin(&comm, &mut toy, &step, &none).unwrap_err().to_string();
-        assert!(missing.contains("field 'a' is missing"), "{missing}");
-        let mut given = toy::given(1.0);
-        given.components = 3;
-        let other = given.with(|g| shadow.begin(&comm, &mut toy, &step, g)).unwrap_err().to_string();
-        assert!(other.contains("field 'a': expected 1 components, found 3"), "{other}");
     }
 }

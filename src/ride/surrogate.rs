@@ -1,196 +1,181 @@
-//! What may take the solver's place for a while: a network, or anything else that advances fields by strides.
+//! What may take the solver's place for a while: a network, a fit of the run's own states, or anything else that advances arrays of the
+//! state by strides. One file and one line of [`KINDS`](crate::registry::KINDS) add another.
 
+use crate::fit_control::FitRules;
 use crate::schedule::Step;
-use m4gn_mesh::{Error, Result};
-use m4gn_step::{Field, FieldMut};
-use std::path::Path;
+use m4gn_base::Result;
+use m4gn_state::Values;
 
-/// A field that a surrogate advances.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Advanced {
-    /// Name, as the host knows the field.
+/// What is known of a surrogate from its start on.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Description {
+    /// What kind it is, in one word for tables: `network`.
     pub name: String,
-    /// Values a row: 1 or 3.
-    pub components: usize,
-    /// How many of them are solved: 1 of a scalar, the solved directions of a vector.
-    pub solved: usize,
+    /// Where it is from, for people: the model's file.
+    pub source: String,
+    /// Identifies it: a state that was written with another one is not taken up.
+    pub digest: String,
+    /// Time that one step advances, s.
+    pub stride: f64,
+    /// The arrays that it advances and is measured by.
+    pub advances: Vec<usize>,
+    /// The arrays that [`Surrogate::predict`] reads.
+    pub reads: Vec<usize>,
+    /// Whether it makes all arrays of a predicted state, with [`Surrogate::carry`].
+    pub is_whole: bool,
+    /// How the error of each advanced array grows over a jump.
+    pub growth: Vec<Growth>,
+    /// Segments K, and the segment of each of this rank's nodes: errors are told for each of them. (0, []): none.
+    pub segments: (usize, Vec<i32>),
+    /// A line for the log.
+    pub note: String,
 }
 
-/// What came of a round of learning.
+/// By how much the error after 1, 2, ... strides of a jump exceeds that of the stride before it.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Lesson {
-    /// Whether the surrogate is another one now.
-    pub used: bool,
-    /// Optimisation steps.
-    pub steps: u64,
-    /// Wall time, s.
-    pub seconds: f64,
-    /// Error on frames that were held back over that of holding their first one: as it was.
-    pub before: f64,
-    /// As it is now.
-    pub after: f64,
-    /// All of this, or why nothing was done, for people.
-    pub note: String,
+pub enum Growth {
+    /// Not known: the errors of the strides are reckoned to add up.
+    #[default]
+    Unknown,
+    /// Not at all, as far as the surrogate may go.
+    None,
+    /// By these factors, and no further.
+    Factors(Vec<f64>),
+}
+
+/// Where a stride begins.
+#[derive(Clone, Copy, Debug)]
+pub struct Start<'a> {
+    /// The state: of each array that the surrogate reads or advances its values.
+    pub state: &'a Values,
+    /// What the prescribed arrays will be at the end of the stride; none where nobody knows, or needs to.
+    pub ahead: Option<&'a Values>,
 }
 
 /// A surrogate on the host's mesh. All methods but the ones that only look are collective, and all ranks fail together.
 pub trait Surrogate {
-    /// What kind it is, in one word for tables: `network`.
-    fn name(&self) -> &str;
+    /// What is known of it.
+    fn describe(&self) -> &Description;
 
-    /// Where it is from, for people: the model's file.
-    fn source(&self) -> String;
-
-    /// Identifies it: a state that was written with another one is not taken up.
-    fn digest(&self) -> String;
-
-    /// Time that one step advances, s.
-    fn stride(&self) -> f64;
-
-    /// The fields that it advances.
-    fn advances(&self) -> &[Advanced];
-
-    /// By how much the error of this field after 1, 2, ... strides of a jump exceeds that of the stride before it; none: not known.
-    fn growth(&self, field: &str) -> Option<Vec<f64>>;
-
-    /// One stride: `fields` are the host's at the start. `out` holds the advanced fields there in the order of
-    /// [`advances`](Self::advances), and at the end of the stride afterwards; values that are not solved stay.
+    /// One stride. `next` holds the advanced arrays at its start, and at its end afterwards; components that are not solved stay.
     ///
     /// # Errors
-    /// [`Error::Numerical`] for a result that is not finite: `out` is then as it was. What else may fail, for fields that do not fit.
-    fn step(&mut self, fields: &[Field], out: &mut [FieldMut]) -> Result<()>;
+    /// [`Error::Numerical`](m4gn_base::Error::Numerical) for a result that must not be used: `next` is then as it was. What else may fail, for arrays that do not fit.
+    fn predict(&mut self, start: Start, next: &mut Values) -> Result<()>;
 
-    /// A rollout beside the solver begins at the present state, with the stride that [`step`](Self::step) takes from it.
-    fn begin_rollout(&mut self) {}
-
-    /// One of its further strides, the second or a later one: `fields` are those that the one before has predicted. As
-    /// [`step`](Self::step).
-    ///
-    /// # Errors
-    /// As there.
-    fn follow(&mut self, stride: usize, fields: &[Field], out: &mut [FieldMut]) -> Result<()> {
-        let _ = stride;
-        self.step(fields, out)
+    /// The other arrays of the state that was predicted last, where it makes all.
+    fn carry(&self, next: &mut [&mut [f64]]) {
+        let _ = next;
     }
 
-    /// Whether a stride can be taken from the state at this time, s.
-    fn is_ready(&self, time: f64) -> bool {
-        let _ = time;
-        true
-    }
-
-    /// Whether the solver is to go on where another surrogate would jump, so that this one can be fitted.
-    fn wants_solver(&self) -> bool {
-        false
-    }
-
-    /// Strides that it lets itself jump, `most` at most, beside what control allows.
-    fn allows(&self, most: usize) -> usize {
-        most
-    }
-
-    /// Whether the arrays of the state after this step of the solver are wanted by [`record`](Self::record).
-    fn records(&self, step: &Step) -> bool {
-        let _ = step;
-        false
-    }
-
-    /// Takes the arrays of the state after a step of the solver. Says what came of it, for people.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for arrays that do not fit.
-    fn record(&mut self, step: &Step, arrays: &[&[f64]]) -> Result<String> {
-        let _ = (step, arrays);
-        Ok(String::new())
-    }
-
-    /// Takes what the arrays that are inputs will be at the end of the next stride.
-    ///
-    /// # Errors
-    /// [`Error::Input`] where there are no such arrays.
-    fn inputs(&mut self, arrays: &[&[f64]]) -> Result<()> {
-        let _ = arrays;
-        Err(Error::Input(format!("a surrogate of kind {} has no arrays", self.name())))
-    }
-
-    /// The arrays of the state that the last step predicted; `before` above 0: of one so many seconds before the present.
-    ///
-    /// # Errors
-    /// [`Error::Input`] where it has none.
-    fn arrays(&self, before: f64, out: &mut [&mut [f64]]) -> Result<()> {
-        let _ = (before, out);
-        Err(Error::Input(format!("a surrogate of kind {} has no arrays", self.name())))
-    }
-
-    /// Time and fields have been advanced by what the last step predicted.
+    /// Time and state have been advanced by what the last stride predicted.
     fn advanced(&mut self) {}
 
-    /// A jump has ended at this time, s; `own`: it was this one that jumped.
-    fn handed_back(&mut self, time: f64, own: bool) {
+    /// A jump has ended at this time, s; `own`: it was this one that jumped. Gives the strides of its own that lie between.
+    fn handed_back(&mut self, time: f64, own: bool) -> f64 {
         let _ = (time, own);
+        0.0
     }
 
-    /// Segments K, and the segment of each of this rank's cells: errors are told for each of them. (0, []): none.
-    fn segments(&self) -> (usize, &[i32]) {
-        (0, &[])
+    /// It as a fit of the run's own states, where it is one.
+    fn fits(&self) -> Option<&dyn Fits> {
+        None
     }
 
-    /// Whether it learns from the solver's steps at all.
-    fn can_learn(&self) -> bool {
-        false
+    /// The same, to be changed.
+    fn fits_mut(&mut self) -> Option<&mut dyn Fits> {
+        None
     }
 
-    /// Whether it has begun to.
-    fn has_begun(&self) -> bool {
-        false
-    }
-
-    /// Whether more frames and rounds are of use.
-    fn learns(&self) -> bool {
-        self.can_learn()
-    }
-
-    /// Takes the fields after a step of the solver. `begins`: they do not follow from the last ones by a step of the solver.
+    /// What it has learned of the run, for a run that is carried on; none: nothing.
     ///
     /// # Errors
-    /// [`Error::Input`] for fields that do not fit, and times that do not increase.
-    fn frame(&mut self, time: f64, begins: bool, fields: &[Field]) -> Result<()> {
-        let _ = (time, begins, fields);
+    /// [`Error::File`](m4gn_base::Error::File) where it cannot be written down.
+    fn save(&self) -> Result<Option<Vec<u8>>> {
+        Ok(None)
+    }
+
+    /// Goes on from what another run has [`save`](Self::save)d.
+    ///
+    /// # Errors
+    /// [`Error::Input`](m4gn_base::Error::Input) for what is no such state.
+    fn restore(&mut self, saved: &[u8]) -> Result<()> {
+        let _ = saved;
         Ok(())
     }
+}
 
-    /// Learns from the frames, for jumps of so many strides; none where there was nothing to do.
+/// What a fit makes of a step of the solver.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Seen {
+    /// Snapshots that came of it.
+    pub snapshots: usize,
+    /// Snapshots without a gap up to now.
+    pub contiguous: usize,
+    /// Error of the stride that the fit predicted from the snapshot before, over that of holding it, and whether the stride follows a jump;
+    /// none: there was no fit.
+    pub error: Option<(f64, bool)>,
+}
+
+/// A fit, and what it was chosen by.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FitReport {
+    /// Snapshots in its window.
+    pub snapshots: usize,
+    /// States in a delayed state.
+    pub delays: usize,
+    /// Singular values that were kept.
+    pub rank: usize,
+    /// Whether modes that grow go on growing.
+    pub unstable: bool,
+    /// Error of the snapshots that were held back, over that of holding the one before them.
+    pub error: f64,
+    /// The same of each array, over its variation.
+    pub errors: Vec<(String, f64)>,
+}
+
+/// A surrogate that is fitted to the run's own states. When it is fitted, used and dropped is decided elsewhere
+/// ([`crate::fit_control`]).
+pub trait Fits {
+    /// By what rules that is decided.
+    fn rules(&self) -> &FitRules;
+
+    /// Whether the state after this step of the solver is wanted.
+    fn wants(&self, step: &Step) -> bool;
+
+    /// Takes the state after a step of the solver.
     ///
     /// # Errors
-    /// What the learning may fail with.
-    fn learn(&mut self, strides: usize) -> Result<Option<Lesson>> {
-        let _ = strides;
-        Ok(None)
-    }
+    /// [`Error::Input`](m4gn_base::Error::Input) for a state that does not fit.
+    fn observe(&mut self, step: &Step, state: &[&[f64]]) -> Result<Seen>;
 
-    /// What it has learned, and its frames, for a run that is carried on; none: nothing.
+    /// Fits the last snapshots; none where there are too few without a gap, or nothing varies.
+    fn fit(&mut self) -> Option<FitReport>;
+
+    /// Drops the fit.
+    fn drop_fit(&mut self);
+
+    /// Whether there is one.
+    fn has_fit(&self) -> bool;
+
+    /// Whether a stride can be taken from the state at this time, s.
+    fn is_ready(&self, time: f64) -> bool;
+
+    /// Wall time that each snapshot adds to a stride, s. Collective.
+    fn seconds_a_snapshot(&self) -> f64;
+
+    /// A rollout beside the solver begins at the present state, with the stride that [`Surrogate::predict`] takes from it.
+    fn begin_rollout(&mut self);
+
+    /// One of its further strides, the second or a later one.
     ///
     /// # Errors
-    /// [`Error::Internal`] where it cannot be written down.
-    fn state(&self) -> Result<Option<Vec<u8>>> {
-        Ok(None)
-    }
+    /// [`Error::Numerical`](m4gn_base::Error::Numerical) for a result that must not be used.
+    fn follow(&mut self, stride: usize, next: &mut Values) -> Result<()>;
 
-    /// Goes on from the [`state`](Self::state) of another run.
+    /// All arrays of the state so many seconds before the present one of a jump.
     ///
     /// # Errors
-    /// [`Error::Input`] for what is no such state.
-    fn restore(&mut self, state: &[u8]) -> Result<()> {
-        let _ = state;
-        Err(Error::Input(format!("a surrogate of kind {} has no state", self.name())))
-    }
-
-    /// Writes it as a model file, as it has become.
-    ///
-    /// # Errors
-    /// [`Error::File`] where that fails; [`Error::Input`] for a surrogate that is no model.
-    fn write_model(&self, path: &Path) -> Result<()> {
-        let _ = path;
-        Err(Error::Input(format!("a surrogate of kind {} is no model", self.name())))
-    }
+    /// [`Error::Input`](m4gn_base::Error::Input) where nothing was predicted.
+    fn earlier(&self, before: f64, out: &mut [&mut [f64]]) -> Result<()>;
 }

@@ -3,7 +3,6 @@
 use crate::log::Log;
 use crate::ride::Ride;
 use crate::settings::Mode;
-use crate::surrogate::Lesson;
 use serde::{Deserialize, Serialize};
 
 /// The shortest time that a share is taken of, s.
@@ -30,23 +29,9 @@ pub(crate) struct Totals {
     pub steps: usize,
     /// Who jumped last.
     pub last: usize,
-    /// Time in which others waited for a surrogate that needs the solver's states, s.
-    #[serde(default)]
-    pub waited: f64,
     /// Strides measured beside the solver, and decisions for no jump.
     pub measured: usize,
     pub refused: usize,
-    /// Rounds of learning, those that were used, their steps, their wall time (s), and the errors of the last one that was used.
-    #[serde(skip)]
-    pub adapt_runs: usize,
-    #[serde(skip)]
-    pub adapt_used: usize,
-    #[serde(skip)]
-    pub adapt_steps: u64,
-    #[serde(skip)]
-    pub adapt_seconds: f64,
-    #[serde(skip)]
-    pub adapt_errors: [f64; 2],
     /// Rows of the table of jumps that this part of the run has.
     #[serde(skip)]
     pub rows: usize,
@@ -65,16 +50,6 @@ impl Totals {
         self.by[surrogate].0 += 1;
         self.last = surrogate;
     }
-
-    pub fn learned(&mut self, lesson: &Lesson) {
-        self.adapt_runs += 1;
-        self.adapt_steps += lesson.steps;
-        self.adapt_seconds += lesson.seconds;
-        if lesson.used {
-            self.adapt_used += 1;
-            self.adapt_errors = [lesson.before, lesson.after];
-        }
-    }
 }
 
 impl Ride<'_> {
@@ -83,10 +58,10 @@ impl Ride<'_> {
     pub fn end(&mut self) -> String {
         let digits = self.digits();
         if self.settings.mode == Mode::Observe {
-            for i in 0..self.riders.len() {
-                let (who, rider) = (self.who(i), &self.riders[i]);
-                if let Some(observer) = &rider.observer {
-                    self.log.text += &observer.summary(&who, rider, digits);
+            for i in 0..self.candidates.len() {
+                let (who, candidate) = (self.who(i), &self.candidates[i]);
+                if let Some(observer) = &candidate.observer {
+                    self.log.text += &observer.summary(&who, candidate, &self.layout, digits);
                 }
             }
             return String::new();
@@ -95,7 +70,7 @@ impl Ride<'_> {
         let Some(first) = t.first_time else {
             return String::new();
         };
-        let rider = &self.riders[t.last];
+        let candidate = &self.candidates[t.last];
         let setup = self.settings.setup_seconds;
         let total = (self.step.time.min(self.schedule.end.max(first)) - first).max(LEAST);
         let fraction = t.replaced / total;
@@ -114,30 +89,16 @@ impl Ride<'_> {
             digits.of(setup)
         );
         let mut entries: Vec<(String, String)> = Vec::new();
-        if self.riders.len() > 1 {
+        if self.candidates.len() > 1 {
             let by = t.by.iter().copied().chain(std::iter::repeat((0, 0.0)));
-            for (rider, (jumps, replaced)) in self.riders.iter().zip(by) {
-                let name = rider.surrogate.name();
+            for (candidate, (jumps, replaced)) in self.candidates.iter().zip(by) {
+                let name = &candidate.describe().name;
                 *text += &format!("m4gn: of these {jumps} jumps and {} s by {name}\n\n", digits.of(replaced));
                 entries.push((format!("jumps_{name}"), jumps.to_string()));
                 entries.push((format!("replaced_{name}"), digits.of(replaced)));
             }
-            *text += &format!("m4gn: for {} s one waited for the other\n\n", digits.of(t.waited));
-            entries.push(("waited".into(), digits.of(t.waited)));
         }
         let mut more: Vec<(&str, String)> = Vec::new();
-        if self.riders.iter().any(|r| r.surrogate.has_begun()) {
-            more.extend([
-                ("adapt_runs", t.adapt_runs.to_string()),
-                ("adapt_runs_used", t.adapt_used.to_string()),
-                ("adapt_steps", t.adapt_steps.to_string()),
-                ("adapt_seconds", digits.of(t.adapt_seconds)),
-            ]);
-            if t.adapt_used > 0 {
-                let [before, after] = t.adapt_errors.map(|e| digits.of(e));
-                more.extend([("adapt_error_before", before), ("adapt_error_after", after)]);
-            }
-        }
         if self.settings.control.is_some() {
             more.extend([
                 ("strides_measured", t.measured.to_string()),
@@ -162,7 +123,7 @@ impl Ride<'_> {
             ("jumps", t.jumps.to_string()),
             ("jumps_ended_early", t.ended_early.to_string()),
             ("surrogate_steps", t.steps.to_string()),
-            ("stride", digits.of(rider.surrogate.stride())),
+            ("stride", digits.of(candidate.stride())),
             ("surrogate_seconds", digits.of(t.seconds[0])),
             ("hand_over_seconds", digits.of(t.seconds[1])),
             ("setup_seconds", digits.of(setup)),

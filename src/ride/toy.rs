@@ -1,13 +1,12 @@
 //! A solver and surrogates whose errors are known on paper: a damped rotating vector as a field of two cells.
 
 use crate::schedule::Step;
-use crate::surrogate::{Advanced, Lesson, Surrogate};
-use crate::values::Given;
-use m4gn_mesh::{Error, Result};
-use m4gn_step::{Field, FieldMut};
+use crate::surrogate::{Description, Growth, Start, Surrogate};
+use m4gn_base::{Error, Result};
+use m4gn_state::{Array, Layout, Place, Role, Values};
 use std::cell::RefCell;
-use std::path::Path;
 use std::rc::Rc;
+use std::sync::Arc;
 
 /// Angular velocity and damping of the vector, 1/s.
 const OMEGA: f64 = 0.7;
@@ -40,81 +39,54 @@ pub fn at(time: f64, delta_t: f64, end_time: f64, index: i64) -> Step {
         name: format!("{time:.6}").trim_end_matches('0').trim_end_matches('.').into(),
         shown: time,
         correctors: None,
-        wall: 0.0,
     }
 }
 
-/// The field of a call, with its two boundary faces, each of one of the cells: the first holds 9, the other follows its cell.
-pub struct Fields {
-    pub components: usize,
-    cells: [f64; 2],
-    boundary: [f64; 2],
+/// The field `a` in two cells, and at two boundary faces, each of one of the cells: the first holds 9, the other follows its cell.
+pub fn layout() -> Arc<Layout> {
+    let boundary = |role| Array { place: Place::Boundary, role, ..Array::carried("a", 2) };
+    let arrays = vec![Array::solved("a", 1, vec![1.0; 2]), boundary(Role::Carried), boundary(Role::Held)];
+    Arc::new(Layout::new(arrays).unwrap())
 }
 
-/// The solver's field at a time.
-pub fn given(time: f64) -> Fields {
+/// The solver's state at a time.
+pub fn state(time: f64) -> Values {
     of(solver(time))
 }
 
-pub fn of(cells: [f64; 2]) -> Fields {
-    Fields { components: 1, cells, boundary: [9.0, cells[1]] }
-}
-
-impl Fields {
-    /// As a host hands it over.
-    pub fn with<T>(&self, call: impl FnOnce(&Given) -> T) -> T {
-        let fields =
-            [Field { name: "a", components: self.components, cells: &self.cells, boundary: &self.boundary }];
-        let held: [Option<&[i32]>; 1] = [Some(&[1, 0])];
-        call(&Given { fields: &fields, held: &held, owners: &[0, 1] })
-    }
-}
-
-/// What a toy has learned, to be looked at by tests.
-#[derive(Debug, Default)]
-pub struct Learned {
-    pub frames: Vec<(f64, bool)>,
-    pub rounds: Vec<usize>,
+pub fn of(cells: [f64; 2]) -> Values {
+    vec![cells.to_vec(), vec![9.0, cells[1]], vec![1.0, 0.0]]
 }
 
 /// A surrogate of the solver: exact but for a bias that is added in each stride.
 pub struct Toy {
-    name: String,
-    stride: f64,
-    fields: Vec<Advanced>,
+    description: Description,
     bias: f64,
     /// Where the first component is at least this, the result is not finite.
     broken_above: Option<f64>,
     jump_by: Option<(f64, f64)>,
-    growth: Option<Vec<f64>>,
-    pub learned: Rc<RefCell<Learned>>,
-    learns: bool,
-    begun: bool,
-    lesson: f64,
     /// Boundary values that the last step saw.
     pub boundary: Rc<RefCell<Vec<f64>>>,
 }
 
 impl Toy {
     pub fn new(stride: f64) -> Self {
-        Toy {
-            name: "toy".into(),
+        let description = Description {
             stride,
-            fields: vec![Advanced { name: "a".into(), components: 1, solved: 1 }],
-            bias: 0.0,
-            broken_above: None,
-            jump_by: None,
-            growth: None,
-            learned: Rc::default(),
-            learns: false,
-            begun: false,
-            lesson: 0.0,
-            boundary: Rc::default(),
-        }
+            advances: vec![0],
+            reads: vec![0, 1],
+            growth: vec![Growth::Unknown],
+            segments: (2, vec![0, 1]),
+            ..Description::default()
+        };
+        let toy = Toy { description, bias: 0.0, broken_above: None, jump_by: None, boundary: Rc::default() };
+        toy.named("toy")
     }
 
     pub fn named(mut self, name: &str) -> Self {
-        self.name = name.into();
+        self.description.name = name.into();
+        self.description.source = format!("{name}.model");
+        self.description.digest = format!("{name}-1");
         self
     }
 
@@ -136,106 +108,29 @@ impl Toy {
     }
 
     pub fn growing(mut self, factors: &[f64]) -> Self {
-        self.growth = Some(factors.to_vec());
-        self
-    }
-
-    /// It learns: a round takes its bias to this.
-    pub fn learning(mut self, bias: f64) -> Self {
-        (self.learns, self.lesson) = (true, bias);
+        self.description.growth = vec![Growth::Factors(factors.to_vec())];
         self
     }
 }
 
 impl Surrogate for Toy {
-    fn name(&self) -> &str {
-        &self.name
+    fn describe(&self) -> &Description {
+        &self.description
     }
 
-    fn source(&self) -> String {
-        format!("{}.model", self.name)
-    }
-
-    fn digest(&self) -> String {
-        format!("{}-1", self.name)
-    }
-
-    fn stride(&self) -> f64 {
-        self.stride
-    }
-
-    fn advances(&self) -> &[Advanced] {
-        &self.fields
-    }
-
-    fn growth(&self, _: &str) -> Option<Vec<f64>> {
-        self.growth.clone()
-    }
-
-    fn segments(&self) -> (usize, &[i32]) {
-        (2, &[0, 1])
-    }
-
-    fn step(&mut self, fields: &[Field], out: &mut [FieldMut]) -> Result<()> {
-        let field = fields.iter().find(|f| f.name == "a");
-        let field = field.ok_or_else(|| Error::Input("no field".into()))?;
-        *self.boundary.borrow_mut() = field.boundary.to_vec();
-        let state = [field.cells[0], field.cells[1]];
+    fn predict(&mut self, start: Start, next: &mut Values) -> Result<()> {
+        *self.boundary.borrow_mut() = start.state[1].clone();
+        let state = [start.state[0][0], start.state[0][1]];
         if self.broken_above.is_some_and(|above| state[0] > above) {
             return Err(Error::Numerical("the result is not finite".into()));
         }
-        let mut next = later(state, self.stride).map(|v| v + self.bias);
+        let mut later = later(state, self.description.stride).map(|v| v + self.bias);
         if let Some((from, by)) = self.jump_by
             && state[1] >= from
         {
-            next[0] += by;
+            later[0] += by;
         }
-        out[0].cells.copy_from_slice(&next);
+        next[0].copy_from_slice(&later);
         Ok(())
-    }
-
-    fn can_learn(&self) -> bool {
-        self.learns
-    }
-
-    fn has_begun(&self) -> bool {
-        self.begun
-    }
-
-    fn frame(&mut self, time: f64, begins: bool, _: &[Field]) -> Result<()> {
-        self.begun = true;
-        self.learned.borrow_mut().frames.push((time, begins));
-        Ok(())
-    }
-
-    fn learn(&mut self, strides: usize) -> Result<Option<Lesson>> {
-        if !self.begun {
-            return Ok(None);
-        }
-        self.learned.borrow_mut().rounds.push(strides);
-        let before = self.bias;
-        self.bias = self.lesson;
-        Ok(Some(Lesson {
-            used: before != self.bias,
-            steps: 3,
-            seconds: 0.5,
-            before,
-            after: self.bias,
-            note: format!("learned from {} frames", self.learned.borrow().frames.len()),
-        }))
-    }
-
-    fn state(&self) -> Result<Option<Vec<u8>>> {
-        Ok(self.begun.then(|| self.bias.to_le_bytes().to_vec()))
-    }
-
-    fn restore(&mut self, state: &[u8]) -> Result<()> {
-        let bytes = state.try_into().map_err(|_| Error::Input("not eight bytes".into()))?;
-        (self.bias, self.begun) = (f64::from_le_bytes(bytes), true);
-        Ok(())
-    }
-
-    fn write_model(&self, path: &Path) -> Result<()> {
-        std::fs::write(path, self.bias.to_string()).map_err(|e| Error::file(path, e.to_string()))
     }
 }

@@ -3,8 +3,8 @@
 use super::eigen::{ITERATIONS, Matrices};
 use super::objects::{Matrix, Solver};
 use super::{c, check, raw};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 
 /// MUMPS's control parameters, by their numbers: ScaLAPACK, which counts no pivots, is kept out of the last front of
 /// several ranks; null pivots are no error; room for pivots that are put off, in percent.

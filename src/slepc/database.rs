@@ -1,7 +1,7 @@
 //! Options in PETSc's database for the time of a solution. Others than ours come from `PETSC_OPTIONS`, which PETSc reads itself.
 
 use super::{c, check};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use std::ffi::CStr;
 
 /// Prefix of our solvers' options.

@@ -1,10 +1,10 @@
 //! The C interface: raw arrays in, pairs out, no panic through it.
 
 use crate::eigen::{Matrices, eigenpairs};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_model::modal::ModalSolver;
 use m4gn_modes::eigen::{LIBRARY, RawHost, RawProblem, RawRows, solver_of};
+use m4gn_parallel::Comm;
 use std::cell::RefCell;
 use std::ffi::{CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};

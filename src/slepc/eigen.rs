@@ -5,8 +5,8 @@ use super::door::{Call, Mass};
 use super::method::Method;
 use super::objects::{Matrix, Solver, Vector};
 use super::{Quiet, c, check, raw, start};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 use std::mem::ManuallyDrop;
 use std::sync::{Mutex, MutexGuard};
 

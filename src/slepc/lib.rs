@@ -20,8 +20,8 @@ mod c {
     include!(concat!(env!("OUT_DIR"), "/slepc.rs"));
 }
 
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 use std::cell::RefCell;
 use std::ffi::{CStr, c_char, c_int, c_void};
 use std::sync::Mutex;
@@ -126,7 +126,7 @@ fn start(comm: &Comm) -> Result<()> {
         if up[0] != 0 {
             // SAFETY: read by PETSc's start below; MPI_COMM_SELF lives as long as MPI.
             unsafe { c::PETSC_COMM_WORLD = alone };
-        } else if m4gn_mesh::ffi::mpi::world_size() != Some(comm.size()) {
+        } else if m4gn_parallel::ffi::mpi::world_size() != Some(comm.size()) {
             let mut copy = alone;
             // SAFETY: a live communicator; PETSc keeps the copy to the end of the process.
             unsafe {

@@ -3,9 +3,9 @@
 use super::door::Call;
 use super::eigen::Matrices;
 use super::{c, check};
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::Result;
 use m4gn_model::modal::ModalSolver;
+use m4gn_parallel::Comm;
 use std::ffi::CStr;
 
 /// A solver of (K - shift M) x = b.

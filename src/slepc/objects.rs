@@ -2,8 +2,8 @@
 
 use super::door::Csr;
 use super::{c, check, raw};
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::Result;
+use m4gn_parallel::Comm;
 
 macro_rules! owned {
     ($name:ident, $type:ty, $destroy:path) => {

@@ -1,11 +1,12 @@
 //! Sessions of bodies, in serial.
 
 use super::*;
+use m4gn_base::Error;
 use m4gn_domain::Place;
 use m4gn_engine::plain;
+use m4gn_mesh::NodeType;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::vector::Vector;
-use m4gn_mesh::{Error, NodeType};
 use m4gn_model::Model;
 use m4gn_modes::Modal;
 use m4gn_samples::bodies as sample;
@@ -28,7 +29,7 @@ fn session(model: &Model, body: &Body, obstacle: &Obstacle) -> Session {
 fn place(model: &Model, body: &Body, obstacle: &Obstacle) -> Place {
     let (spec, mesh) = (&model.spec, body.mesh(Some(obstacle)));
     let modal = Modal(spec.segments.modal());
-    Place::whole(&mesh, spec, &spec.segments, None, None, &modal).unwrap()
+    Place::whole(&mesh, spec, &spec.segments, None, &modal).unwrap()
 }
 
 fn narrow(rows: &[&[Vector]]) -> Vec<f32> {
@@ -105,52 +106,6 @@ fn steps_against_the_plain_network(model: &Model, body: &Body, obstacle: &Obstac
     edges
 }
 
-/// What the network was off by over the stride that a host says is added to its next strides, less of it in each, as far as the obstacle
-/// goes on evenly.
-#[test]
-fn strides_after_a_hand_over_are_corrected() {
-    let (mut model, body, obstacle) = case();
-    let at = |z: f64| vec![[0.0, 0.0, z]; 6];
-    let free = |p: usize| body.types[p] == NodeType::Body;
-    let mut alone = session(&model, &body, &obstacle);
-    model.spec.calibration = Some(m4gn_model::Calibration::of_carried(0.5));
-    let mut session = session(&model, &body, &obstacle);
-    let step = |session: &mut Session, from: &[Vector], motion: [f64; 2]| {
-        let mut u = from.to_vec();
-        session.step_body(&mut u, [&at(motion[0]), &at(motion[1])]).unwrap();
-        u
-    };
-    let past: Vec<Vector> = (0..63).map(|p| [0.0, 0.0, -6e-4 * f64::from(p)]).collect();
-    // Before, after, and how much of the error is added: evenly on; half as far; back; from rest
-    for (before, after, part) in
-        [(-0.05, -0.15, 1.0), (-0.05, -0.125, 0.5), (-0.05, -0.05, 0.0), (-0.1, -0.15, 0.0)]
-    {
-        let said = step(&mut alone, &past, [before, -0.1]);
-        let error = |p: usize| if free(p) { 1e-3 * (p as f64).sin() } else { 0.0 };
-        let start: Vec<Vector> = (0..63).map(|p| [said[p][0], said[p][1], said[p][2] + error(p)]).collect();
-        let square = |of: &dyn Fn(usize) -> f64| (0..63).map(|p| of(p).powi(2)).sum::<f64>();
-        let change = (0..3).map(|k| square(&|p| said[p][k] - past[p][k])).sum::<f64>();
-        let ratio = square(&error) / change;
-        let part = part * 0.0625 / (0.0625 + ratio * ratio);
-        assert!(ratio < 0.25, "{ratio}");
-        let expect = |found: &[Vector], network: &[Vector], part: f64| {
-            for p in 0..63 {
-                let expected = network[p][2] + part * error(p);
-                assert!((found[p][2] - expected).abs() < 1e-9, "{before} {after} {p}");
-            }
-        };
-        session.set_before(&past, &at(before)).unwrap();
-        let first = step(&mut session, &start, [-0.1, after]);
-        expect(&first, &step(&mut alone, &start, [-0.1, after]), part);
-        let on = [after, 2.0 * after + 0.1];
-        let second = step(&mut session, &first, on);
-        expect(&second, &step(&mut alone, &first, on), 0.5 * part);
-        // Of another state nothing is known.
-        let third = step(&mut session, &past, on);
-        expect(&third, &step(&mut alone, &past, on), 0.0);
-    }
-}
-
 #[test]
 fn what_does_not_fit_is_refused() {
     let (model, body, obstacle) = case();
@@ -178,17 +133,12 @@ fn what_does_not_fit_is_refused() {
     says(session.step_body(&mut broken, [&still, &still]), "point 7");
 }
 
-/// A network that throws points out of all bounds: what contact projection and searches would choke on is refused before.
+/// A network that throws points out of all bounds: what searches would choke on is refused before.
 #[test]
 fn displacements_out_of_all_bounds_are_refused() {
     let (mut model, body, obstacle) = case();
     model.tensors.get_mut("norm.output.std").unwrap().data.fill(1e12);
-    let options = SessionOptions {
-        projection: Some(m4gn_domain::body::projection::ProjectionOptions::default()),
-        ..SessionOptions::default()
-    };
-    let mesh = body.mesh(Some(&obstacle));
-    let mut session = Session::new(Comm::serial(), &mesh, &model, &options).unwrap();
+    let mut session = session(&model, &body, &obstacle);
     let still = vec![[0.0; 3]; 6];
     let mut displacement = vec![[0.0; 3]; 63];
     let error = session.step_body(&mut displacement, [&still, &still]).unwrap_err();
@@ -220,30 +170,4 @@ fn what_a_body_was_trained_on_is_compared() {
     assert_eq!(from(0.1), [material]);
     let far = from(0.5);
     assert!(far.len() == 2 && far[1].starts_with("D is 0.000e0 to 5.000e-1"), "{far:?}");
-}
-
-/// What a host says of the past is checked, and a model that is not corrected by it steps as it would.
-#[test]
-fn a_past_that_cannot_be_is_refused_and_one_that_is_not_read_changes_nothing() {
-    let (model, body, obstacle) = case();
-    let mut told_session = session(&model, &body, &obstacle);
-    let says = |result: Result<()>, word: &str| {
-        let message = result.unwrap_err().to_string();
-        assert!(message.contains(word), "{message}");
-    };
-    let (still, down) = (vec![[0.0; 3]; 6], vec![[0.0, 0.0, -0.01]; 6]);
-    let rest = vec![[0.0; 3]; 63];
-    says(told_session.set_before(&rest[1..], &still), "expected 63 points, found 62");
-    says(told_session.set_before(&rest, &still[1..]), "expected 6 points, found 5");
-    let mut broken = rest.clone();
-    broken[7][1] = f64::NAN;
-    says(told_session.set_before(&broken, &still), "point 7");
-    says(told_session.set_before(&rest, &[[f64::INFINITY; 3]; 6]), "one stride before");
-
-    let first = vec![[0.001, 0.0, -0.002]; 63];
-    let [mut told, mut untold] = [first.clone(), first];
-    told_session.set_before(&rest, &still).unwrap();
-    told_session.step_body(&mut told, [&still, &down]).unwrap();
-    session(&model, &body, &obstacle).step_body(&mut untold, [&still, &down]).unwrap();
-    assert_eq!(told, untold);
 }

@@ -13,11 +13,10 @@ pub use opening::read_model;
 pub use options::{Backend, SessionOptions};
 pub use stepper::Stepper;
 
-use m4gn_domain::body::projection::ProjectionReport;
+use m4gn_base::Result;
 use m4gn_domain::{Components, Host};
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
-use m4gn_model::{Extent, InputRange, ModelSpec, SegmentSpec};
+use m4gn_model::{Extent, InputRange, ModelSpec, Solid};
+use m4gn_parallel::Comm;
 
 /// One model on one mesh: fields at the cells of a mesh that does not move, or the displacement of a body at points.
 pub struct Session {
@@ -34,8 +33,8 @@ pub struct Session {
     cell_size: f64,
     host: Box<dyn Host>,
     stepper: Stepper,
-    options: SessionOptions,
-    segment_spec: SegmentSpec,
+    /// What the host's solver says of a solid at cells.
+    solid: Option<Solid>,
     /// Fields at the end of the step, solved components only `[n_cells x n_outputs]`.
     result: Vec<f64>,
     /// Whether a step has been done, so that there are fields to look at.
@@ -81,21 +80,6 @@ impl Session {
     /// How the segments were computed, to be stored with them ([`segments::Record`]); empty if they were handed in.
     pub fn segment_record(&self) -> &str {
         &self.segment_record
-    }
-
-    /// The model's segmentation with what the case sets differently.
-    pub fn segment_spec(&self) -> &SegmentSpec {
-        &self.segment_spec
-    }
-
-    /// Mean distance of neighbouring nodes that the network's graph was to have, m; none: a node a cell.
-    pub fn resolution(&self) -> Option<f64> {
-        self.options.resolution.of(self.spec.resolution)
-    }
-
-    /// Threads of this rank.
-    pub fn threads(&self) -> usize {
-        self.options.n_threads.max(1)
     }
 
     /// The ranks of this session.
@@ -156,23 +140,6 @@ impl Session {
         self.host.set_obstacle(&self.comm, [now, after])
     }
 
-    /// Takes the displacement one stride before the next step, m: of this rank's points, and of the obstacle's points `[Q]`, of which
-    /// that of the first rank counts. Before a step from a state that is not the result of the step before, models are corrected in
-    /// the next steps by what they are off by over that stride, where they say how much of it to carry on
-    /// ([`m4gn_model::Calibration::carried`]); the rest do without. The values are checked all the same, so that a host need not ask. Collective; all ranks fail together.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for other lengths, or a session without body; [`Error::Numerical`] for values that are not
-    /// finite.
-    pub fn set_before(&mut self, displacement: &[[f64; 3]], obstacle: &[[f64; 3]]) -> Result<()> {
-        self.host.set_before(&self.comm, displacement, obstacle)
-    }
-
-    /// What the contact projection did in the last step; none where [`SessionOptions::projection`] asks for none.
-    pub fn projection(&self) -> Option<&ProjectionReport> {
-        self.host.projection()
-    }
-
     /// In which respects the mesh, the solid and the fields of the last step lie outside of what the model was trained on, one
     /// an entry, for people; empty too for a model that does not say. Before the first step there are no fields to look at.
     /// Collective.
@@ -180,7 +147,7 @@ impl Session {
         let Some(trained_on) = &self.spec.trained_on else {
             return Vec::new();
         };
-        let solid = self.host.solid().or(self.options.solid.as_ref());
+        let solid = self.host.solid().or(self.solid.as_ref());
         if !self.stepped {
             let case =
                 Extent { cell_size: self.cell_size, speed: None, inputs: Vec::new(), solid: solid.cloned() };

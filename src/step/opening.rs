@@ -1,13 +1,14 @@
-//! How a session begins: model, graph, segments, network; and how it takes other weights.
+//! How a session begins: model, graph, segments, network.
 
 use super::{Backend, Session, SessionOptions, Stepper};
+use m4gn_base::{Error, Result};
 use m4gn_domain::{Domain, HostOptions};
 use m4gn_engine::torch::TorchBackend;
 use m4gn_engine::{Engine, Forward, PrecisionChoice};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_mesh::Mesh;
 use m4gn_model::Model;
 use m4gn_modes::Modal;
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 use std::path::Path;
 
@@ -39,7 +40,6 @@ impl Session {
             segments: &segment_spec,
             resolution: options.resolution.of(spec.resolution),
             labels: options.cell_segment.as_deref(),
-            projection: options.projection.as_ref(),
             modes: &Modal(segment_spec.modal()),
         };
         let hosted = m4gn_domain::open(mesh, spec, &hosted, &comm)?;
@@ -56,50 +56,12 @@ impl Session {
             cell_size: hosted.cell_size,
             stepper: Stepper::new(host.domain(), &structure, spec, network),
             host,
-            options: SessionOptions { cell_segment: None, ..options.clone() },
-            segment_spec,
+            solid: options.solid.clone(),
             result: vec![0.0; n_cells * spec.n_outputs()],
             stepped: false,
             spec: spec.clone(),
             comm,
         })
-    }
-
-    /// Takes other weights: those of a model of the same description, which has learned on. `mesh` is the session's.
-    /// Collective; all ranks fail together, and the weights are then those from before.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for a session on libtorch, whose weights stay; [`Error::Model`] for a model of another description.
-    pub fn set_weights(&mut self, mesh: &Mesh, model: &Model) -> Result<()> {
-        let comm = self.comm.clone();
-        comm.agree(self.check_weights(mesh, model))?;
-        let cut = (&self.segment_spec, &self.cell_segment[..]);
-        let mut structure = self.host.structure(&comm, mesh, &self.spec, cut)?;
-        if let Some(moved) = self.stepper.moved() {
-            let Structure { graph, levels, .. } = moved.graphs();
-            (structure.graph, structure.levels) = (graph, levels);
-        }
-        let network = network(model, self.host.domain(), &structure, &self.options, &comm)?;
-        self.stepper.set_network(network);
-        self.host.weights_changed();
-        Ok(())
-    }
-
-    fn check_weights(&self, mesh: &Mesh, model: &Model) -> Result<()> {
-        let (own, new) = (&self.spec, &model.spec);
-        if self.options.backend != Backend::Native {
-            return Err(Error::Input(
-                "weights that change need backend native: libtorch keeps those that it began with".into(),
-            ));
-        }
-        let same = (&own.fields, &own.architecture, &own.node_types)
-            == (&new.fields, &new.architecture, &new.node_types);
-        if !same || mesh.cell_global.len() != self.n_cells || mesh.boundary.len() != self.n_boundary {
-            return Err(Error::Model(
-                "weights of another network or for another mesh than the session's: expected the same description".into(),
-            ));
-        }
-        Ok(())
     }
 }
 

@@ -1,10 +1,10 @@
 //! What a session is made with: the settings of a case dictionary, of a host program and of `m4gn validate`.
 
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
 use m4gn_domain::Domain;
-use m4gn_domain::body::projection::ProjectionOptions;
 use m4gn_engine::{EngineOptions, Isa, Precision, PrecisionChoice};
-use m4gn_mesh::{Error, Result};
-use m4gn_model::{Resolution, SegmentEntries, SegmentSpec, Solid, settings};
+use m4gn_model::{Resolution, SegmentEntries, SegmentSpec, Solid};
 use serde::{Deserialize, Serialize};
 
 /// Most threads a rank may be given: a larger number is a slip of the pen.
@@ -54,46 +54,30 @@ impl From<Backend> for String {
     }
 }
 
-/// What a session is made with, by the names that these entries have in a case dictionary and in JSON.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SessionOptions {
-    /// What runs the network.
-    pub backend: Backend,
-    /// Threads of this rank.
-    pub n_threads: usize,
-    /// Of the native engine's products; libtorch computes in fp32.
-    pub precision: PrecisionChoice,
-    /// Mean distance of the network's nodes: the model's own, a node a cell, or a length.
-    pub resolution: Resolution,
-    /// What differs from the segmentation that the model was trained with.
-    pub segments: SegmentEntries,
-    /// Contact projection after each step of a body; none: the network's answer as it is.
-    pub projection: Option<ProjectionOptions>,
-    /// What the host's solver says of a solid at cells, to be compared with what the model was trained on; a body at points
-    /// says it with its elements.
-    pub solid: Option<Solid>,
-    /// Segment of each cell, computed before; none: segments are computed.
-    #[serde(skip)]
-    pub cell_segment: Option<Vec<i32>>,
-    /// Instruction set of the native engine; none: the widest that the processor has.
-    #[serde(skip)]
-    pub isa: Option<Isa>,
-}
-
-impl Default for SessionOptions {
-    fn default() -> Self {
-        SessionOptions {
-            backend: Backend::default(),
-            n_threads: 1,
-            precision: PrecisionChoice::default(),
-            resolution: Resolution::default(),
-            segments: SegmentEntries::default(),
-            projection: None,
-            solid: None,
-            cell_segment: None,
-            isa: None,
-        }
+settings! {
+    /// What a session is made with, by the names that these entries have in a case dictionary and in JSON.
+    pub struct SessionOptions in "session" {
+        /// What runs the network: `native`; `torch`, libtorch on a device of its choice; or `torch:DEVICE`, such as `torch:cuda:0`.
+        pub backend: Backend = Backend::default();
+        /// Precision of the native backend's products: `fp32`, `bf16`, `auto` (the faster one on the processors of all ranks), or
+        /// `model` (`auto` for a model of fields at cells that was trained in bf16, else `fp32`).
+        pub precision: PrecisionChoice = PrecisionChoice::default();
+        /// Mean distance of the network's nodes: `auto`, what the model was trained on; `off`, a node a cell; or a length, m, to which
+        /// the cells of finer meshes are agglomerated.
+        pub resolution: Resolution = Resolution::default();
+        /// Threads of each rank.
+        pub n_threads: usize = 1;
+        /// How the mesh is cut (dictionary): what differs from the segmentation that the model was trained with.
+        pub segments: SegmentEntries = SegmentEntries::default(), "as the model was trained";
+        /// What the solver says of a solid at cells, compared with what the model was trained on (dictionary): lowest and highest `E`,
+        /// `nu`, `rho` and `traction`, lists `laws` and `schemes`, each optional.
+        pub solid: Option<Solid> = None, "what the case says";
+    }
+    beside {
+        /// Segment of each cell, computed before; none: segments are computed.
+        pub cell_segment: Option<Vec<i32>>;
+        /// Instruction set of the native engine; none: the widest that the processor has.
+        pub isa: Option<Isa>;
     }
 }
 
@@ -120,10 +104,10 @@ impl SessionOptions {
             )));
         }
         self.segments.over(&SegmentSpec::default())?;
-        if let Some(fault) = self.solid.as_ref().and_then(Solid::fault) {
-            return Err(Error::Input(format!("solid.{fault}")));
+        match self.solid.as_ref().and_then(Solid::fault) {
+            Some(fault) => Err(Error::Input(format!("solid.{fault}"))),
+            None => Ok(()),
         }
-        self.projection.map_or(Ok(()), |p| p.check())
     }
 
     /// What all ranks must be given alike, a line for each entry: not the threads of a rank or its device.

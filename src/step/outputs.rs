@@ -1,8 +1,8 @@
 //! Predicted fields by name.
 
 use super::{FieldMut, OutputShape, Session};
+use m4gn_base::{Error, Result};
 use m4gn_domain::expect_shape;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::Output;
 
 impl Session {

@@ -1,10 +1,10 @@
 //! A network on a domain, which sessions and rollouts of trainings step with.
 
+use m4gn_base::Result;
 use m4gn_domain::{Domain, Predict};
 use m4gn_engine::Forward;
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
 use m4gn_model::ModelSpec;
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 
 /// A network on what it lives on.
@@ -33,19 +33,9 @@ impl Stepper {
         }
     }
 
-    /// Takes another network, which was made on the same structure.
-    pub fn set_network(&mut self, network: Box<dyn Forward>) {
-        self.network = network;
-    }
-
     /// The network's outputs in the last step.
     pub fn outputs(&self) -> &[f32] {
         &self.outputs
-    }
-
-    /// The graphs with the edges of the last state; none where they stay.
-    pub fn moved(&self) -> Option<&Structure> {
-        self.moving.as_ref()
     }
 }
 

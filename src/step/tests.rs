@@ -1,7 +1,7 @@
 //! Sessions on sample meshes, in serial.
 
 use super::*;
-use m4gn_mesh::Error;
+use m4gn_base::Error;
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{FieldSpec, Kind, Level, Model, ModelSpec, Output, SegmentEntries};
 use m4gn_samples::mesh as sample;
@@ -312,11 +312,4 @@ fn a_free_face_is_seen_as_its_cell() {
     assert_eq!(stepped(&state), first, "the free face's own vector is not read");
     state.u_boundary[0] += 1.0;
     assert_ne!(stepped(&state), first, "another face's is");
-}
-
-#[test]
-fn fields_at_cells_have_no_past_to_be_told() {
-    let mut session = session(&SessionOptions::default());
-    let error = session.set_before(&[], &[]).unwrap_err().to_string();
-    assert!(error.contains("fields at cells"), "{error}");
 }

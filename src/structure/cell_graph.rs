@@ -2,9 +2,9 @@
 //! connected pieces see, so that their answers do not depend on the ranks.
 
 use crate::graph::Graph;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::{Comm, Element};
-use m4gn_mesh::{Error, Result};
+use m4gn_parallel::{Comm, Element};
 
 /// Cells and the faces between them in compressed rows, neighbours ascending.
 #[derive(Debug)]

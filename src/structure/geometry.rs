@@ -2,8 +2,8 @@
 
 use super::Segmentation;
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
 use m4gn_model::{MacroSpec, ModelSpec};
+use m4gn_parallel::Comm;
 
 impl Segmentation {
     /// Adds what the network that `spec` describes reads of the segments besides their members: `position` and `offsets`.

@@ -9,9 +9,10 @@
 //! Every rank makes the levels of the undecomposed graph and takes its part: they do not depend on the number of ranks.
 
 use super::graph::Graph;
-use m4gn_mesh::parallel::{Comm, Halo, everywhere};
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
 use m4gn_mesh::vector::{Vector, dot, norm, sub};
-use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_parallel::{Comm, Halo, everywhere};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ops::Range;
 

@@ -28,7 +28,7 @@ pub use diameter::diameter;
 pub use levels::{Level, Transfer, bi_stride};
 pub use obstacle::obstacle_distance;
 pub use parts::parts;
-pub use quality::{Dissimilarity, Quality, quality};
+pub use quality::{Quality, quality};
 pub use record::{Record, misfit};
 pub use sequence::Sequence;
 pub use structure::Structure;
@@ -37,10 +37,11 @@ pub use walk::{node_walk, walk_of_pairs};
 
 use cell_graph::Root;
 use graph::Graph;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
 use m4gn_model::modal::{ModalSource, Modes};
 use m4gn_model::{MAX_SEGMENTS, SegmentSpec};
+use m4gn_parallel::Comm;
 
 /// Which segments each node belongs to, how the segments touch, and what a network reads of them.
 #[derive(Clone, Debug, Default, PartialEq)]

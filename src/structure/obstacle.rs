@@ -1,11 +1,11 @@
 //! Distance to the obstacle: the feature of SLIC-MDOD_l and SLIC-MDOD_e (eq. 14).
 
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Extent;
 use m4gn_mesh::nearest::Nearest;
-use m4gn_mesh::parallel::{Comm, everywhere};
 use m4gn_mesh::{BoundaryFace, Mesh, NodeType};
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{SegmentMethod, SegmentSpec};
+use m4gn_parallel::{Comm, everywhere};
 use std::collections::BTreeSet;
 
 /// Distances count as at least this fraction of S: the logarithm of zero is not a feature.

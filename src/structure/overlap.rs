@@ -2,10 +2,10 @@
 
 use super::Segmentation;
 use crate::graph::Graph;
+use m4gn_base::Result;
 use m4gn_mesh::Mesh;
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
 use m4gn_model::SegmentSpec;
+use m4gn_parallel::Comm;
 
 /// From the segment of each cell to the whole description. Collective.
 pub(super) fn complete(

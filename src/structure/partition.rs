@@ -1,7 +1,7 @@
 //! First partition: METIS on the root, in the canonical numbering.
 
 use super::cell_graph::CellGraph;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 use std::sync::Mutex;

@@ -5,10 +5,9 @@
 
 use super::preset_labels;
 use crate::graph::Graph;
+use m4gn_base::Result;
 use m4gn_mesh::Mesh;
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::{Comm, everywhere};
-use m4gn_model::modal::Modes;
+use m4gn_parallel::{Comm, everywhere};
 
 /// Silhouettes of meshes of at most this many cells are exact.
 const EXACT: i64 = 20_000;
@@ -38,34 +37,19 @@ pub struct Quality {
     pub silhouette_cells: usize,
 }
 
-/// The dissimilarity d(i, j) of two cells in eq. 20: a Euclidean distance, of which the paper leaves the choice open.
-#[derive(Clone, Copy, Debug)]
-pub enum Dissimilarity<'a> {
-    /// Of the cells' centres in the solved directions. It is the same for all methods and numbers of segments.
-    Positions,
-    /// Of these modes (each of rms 1) and the cells' centres over their rms distance from the mean centre.
-    Features(&'a Modes),
-}
-
 /// Quality of the segmentation with `labels`, the segment (0 to `count` - 1, none empty) of each of this rank's
 /// cells. Collective; the same on all ranks and for any number of them.
 ///
+/// The silhouette's dissimilarity, which the paper leaves open, is the distance of the cells' centres in the solved directions.
 /// Distances across a cyclic are those of the positions as they are. The sample of a large mesh is a function of
 /// the cells' global numbers. Cost: N^2 (N x 4,000 for a sample) distances.
 ///
 /// # Errors
-/// [`m4gn_mesh::Error::Input`] for labels out of range or missing.
-pub fn quality(
-    mesh: &Mesh,
-    graph: &mut Graph,
-    labels: &[i32],
-    count: usize,
-    dissimilarity: Dissimilarity,
-    comm: &Comm,
-) -> Result<Quality> {
+/// [`m4gn_base::Error::Input`] for labels out of range or missing.
+pub fn quality(mesh: &Mesh, graph: &mut Graph, labels: &[i32], count: usize, comm: &Comm) -> Result<Quality> {
     let labels = preset_labels(mesh, labels, count, comm)?;
     let (conductance, edge_cut_ratio) = edges(graph, &labels, count, comm);
-    let points = Points::new(mesh, dissimilarity, comm);
+    let points = Points::new(mesh, comm);
     let (silhouette, silhouette_cells) = points.silhouette(mesh, &labels, count, comm);
     Ok(Quality { conductance, edge_cut_ratio, silhouette, silhouette_cells })
 }
@@ -104,27 +88,11 @@ struct Points {
 }
 
 impl Points {
-    fn new(mesh: &Mesh, dissimilarity: Dissimilarity, comm: &Comm) -> Self {
-        let mut coordinates: Vec<Vec<f64>> =
+    fn new(mesh: &Mesh, comm: &Comm) -> Self {
+        let coordinates: Vec<Vec<f64>> =
             mesh.directions.iter().map(|&d| mesh.cell_centres.iter().map(|x| x[d]).collect()).collect();
         let mut total = [mesh.n_cells() as f64];
         comm.sum_f64(&mut total);
-        if let Dissimilarity::Features(modes) = dissimilarity {
-            let mut means: Vec<f64> = coordinates.iter().map(|x| x.iter().sum()).collect();
-            comm.sum_f64(&mut means);
-            means.iter_mut().for_each(|m| *m /= total[0]);
-            let mut square = [coordinates
-                .iter()
-                .zip(&means)
-                .map(|(x, m)| x.iter().map(|x| (x - m).powi(2)).sum::<f64>())
-                .sum::<f64>()];
-            comm.sum_f64(&mut square);
-            let spread = (square[0] / total[0]).sqrt();
-            if spread > 0.0 {
-                coordinates.iter_mut().flatten().for_each(|x| *x /= spread);
-            }
-            coordinates.extend(modes.vectors.iter().cloned());
-        }
         let mut box_sides: Vec<f64> = coordinates
             .iter()
             .flat_map(|x| {

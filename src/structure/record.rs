@@ -4,10 +4,10 @@
 //! The marks are sums over the cells of all ranks. They depend neither on the order of the cells nor on the
 //! decomposition, as long as every label stays with its cell (renumberMesh, redistributePar).
 
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{ModalOperator, SegmentSpec};
+use m4gn_parallel::Comm;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 

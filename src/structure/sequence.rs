@@ -5,9 +5,9 @@
 //! as they come, would depend on both. All nodes of a segment are read by one rank, the lowest that has any of them.
 
 use super::Segmentation;
-use m4gn_mesh::parallel::{Comm, Halo, everywhere};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::vector::{Vector, dot, sub};
-use m4gn_mesh::{Error, Result};
+use m4gn_parallel::{Comm, Halo, everywhere};
 use std::collections::HashMap;
 
 /// Places closer than this, over the rms distance from their mean, are one.

@@ -8,12 +8,12 @@
 //! the rounding noise of eigenvectors (which does depend on the ranks) is far below what moves a cell.
 
 use super::obstacle;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::Extent;
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::SegmentSpec;
 use m4gn_model::modal::Modes;
+use m4gn_parallel::Comm;
 
 /// Quantum of positions and features, as a fraction of the cluster size S.
 const QUANTUM: f64 = 1e-7;

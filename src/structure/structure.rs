@@ -3,10 +3,11 @@
 use super::graph::Graph;
 use super::levels::{Level, bi_stride};
 use super::{Segmentation, Sequence, node_walk, segment};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
 use m4gn_model::modal::ModalSource;
 use m4gn_model::{ModelSpec, Needs, SegmentSpec};
+use m4gn_parallel::Comm;
 
 /// A graph, and what else networks may need of it ([`Needs`]). What a kind of network needs beyond that is another field here and another
 /// of its needs; what takes a structure stays as it is.

@@ -69,27 +69,6 @@ fn preset_labels_are_checked() {
     }
 }
 
-/// Connected pieces of equal segments, by merging across faces until nothing changes.
-fn pieces(mesh: &Mesh, segment: &[i32]) -> usize {
-    let mut piece: Vec<usize> = (0..mesh.n_cells()).collect();
-    loop {
-        let before = piece.clone();
-        for (&a, &b) in mesh.face_owner.iter().zip(&mesh.face_neighbour) {
-            let (a, b) = (a as usize, b as usize);
-            if segment[a] == segment[b] {
-                let low = piece[a].min(piece[b]);
-                (piece[a], piece[b]) = (low, low);
-            }
-        }
-        if piece == before {
-            break;
-        }
-    }
-    piece.sort_unstable();
-    piece.dedup();
-    piece.len()
-}
-
 #[test]
 fn extremes_have_an_answer() {
     let mesh = sample::triangles(4, 3, 1.6, 0.7);
@@ -106,7 +85,7 @@ fn extremes_have_an_answer() {
             let spec = SegmentSpec { method, count, tau, size, modes, ..Default::default() };
             let s = cut(&mesh, &spec, None).unwrap();
             assert!(s.sizes.iter().all(|&n| n > 0.0), "{spec:?}: {:?}", s.sizes);
-            assert_eq!(pieces(&mesh, &s.node_segment), count, "{spec:?}");
+            assert_eq!(sample::pieces(&mesh, &s.node_segment), count, "{spec:?}");
         }
     }
     let two = sample::chain(2, 1.0);
@@ -136,13 +115,13 @@ proptest! {
         mesh.face_coeff.retain(|_| *at.next().unwrap());
         let n = mesh.n_cells();
         let spec = SegmentSpec { method, count, modes, iterations, tau, connected, ..Default::default() };
-        let components = pieces(&mesh, &vec![0; n]);
+        let components = sample::pieces(&mesh, &vec![0; n]);
         match cut(&mesh, &spec, None) {
             Ok(s) => {
                 prop_assert!(s.node_segment.iter().all(|&l| (0..count as i32).contains(&l)));
                 prop_assert!(s.sizes.iter().all(|&n| n > 0.0));
                 if connected {
-                    prop_assert_eq!(pieces(&mesh, &s.node_segment[..n]), count);
+                    prop_assert_eq!(sample::pieces(&mesh, &s.node_segment[..n]), count);
                 }
             }
             Err(Error::Input(m)) => prop_assert!(

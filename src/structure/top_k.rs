@@ -6,7 +6,7 @@
 
 use super::graph::Graph;
 use super::levels::Transfer;
-use m4gn_mesh::parallel::{Comm, Halo};
+use m4gn_parallel::{Comm, Halo};
 use std::collections::BTreeMap;
 
 /// The nodes that are kept, and their graph.

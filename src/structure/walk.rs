@@ -2,8 +2,9 @@
 
 use super::cell_graph::{CellGraph, Root};
 use super::graph::Graph;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Mesh, Result};
+use m4gn_base::Result;
+use m4gn_mesh::Mesh;
+use m4gn_parallel::Comm;
 
 /// The encoding of a mesh's nodes, its cells and boundary faces `[n_owned x steps]`: the probability that a random walk from node to
 /// neighbouring node is back where it started after 1 to `steps` steps. The root walks on the undecomposed graph, so that the answer

@@ -1,8 +1,8 @@
 //! Checkpoints: everything a training needs to go on exactly, in one safetensors file, replaced atomically.
 
-use super::journal::Validation;
+use super::log::Validation;
+use m4gn_base::{Error, Result, files};
 use m4gn_learn::normaliser::{Moments, Normaliser};
-use m4gn_mesh::{Error, Result, files};
 use m4gn_model::ModelSpec;
 use m4gn_model::tensor_file::{Arrays, TensorFile};
 use serde::{Deserialize, Serialize};

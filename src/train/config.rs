@@ -2,9 +2,10 @@
 //!
 //! Unknown keys are errors, every message names the key, the value found and the values that work.
 
+use crate::delta;
+use m4gn_base::{Error, Result};
 use m4gn_learn::TrainingConfig;
 use m4gn_mesh::NodeType;
-use m4gn_mesh::{Error, Result, files};
 use m4gn_model::{
     Activation, Architecture, ArchitectureKeys, ContactSpec, FieldSpec, KindName, MacroSpec, ModelSpec,
     NodeSums, Output, SegmentSpec, WorldEdges,
@@ -55,13 +56,13 @@ pub struct ModelConfig {
     /// Activation of the multi-layer perceptrons.
     pub activation: Activation,
     /// Which latents of its edges a node sums: `after` or `before` the layer.
-    #[serde(default, skip_serializing_if = "m4gn_model::settings::is_default")]
+    #[serde(default, skip_serializing_if = "m4gn_base::settings::is_default")]
     pub node_sums: NodeSums,
     /// Whether world edges have an encoder and sums of their own: `together` or `apart`.
-    #[serde(default, skip_serializing_if = "m4gn_model::settings::is_default")]
+    #[serde(default, skip_serializing_if = "m4gn_base::settings::is_default")]
     pub world_edges: WorldEdges,
     /// Random-walk steps of the nodes' positional encoding; 0: none.
-    #[serde(default, skip_serializing_if = "m4gn_model::settings::is_default")]
+    #[serde(default, skip_serializing_if = "m4gn_base::settings::is_default")]
     pub node_rwse_steps: usize,
     /// Layers of a network without a macro stage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -95,11 +96,11 @@ pub struct FieldConfig {
 }
 
 impl Config {
-    /// Reads and checks a file.
+    /// Reads and checks a file, which may have a `base` ([`delta`]).
     pub fn read(path: &Path) -> Result<Self> {
-        let text = files::read_text(path)
-            .map_err(|e| Error::file(path, format!("cannot read the training configuration: {e}")))?;
-        Self::parse(&text).map_err(|e| Error::file(path, e.to_string()))
+        let config: Config = delta::read(path)?;
+        config.check().map_err(|e| Error::file(path, e.to_string()))?;
+        Ok(config)
     }
 
     /// Parses and checks TOML text.

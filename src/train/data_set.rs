@@ -1,18 +1,18 @@
 //! The data set, in memory as far as there is room, and the model description that follows from it.
 
 use super::config::Config;
+use super::data_checks;
 use super::memory;
+use super::net2net;
 use super::recorded::read_within;
 use super::report::Report;
-use super::widen;
-use super::worth;
+use m4gn_base::{Error, Result};
 use m4gn_data as dataset;
 use m4gn_data::{Split, Trajectory};
 use m4gn_learn::Workload;
 use m4gn_learn::inputs;
 use m4gn_learn::samples::Sample;
 use m4gn_mesh::NodeType;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{Extent, FieldSpec, Model, ModelSpec, SegmentSpec, TrainedOn};
 use std::path::Path;
 use std::sync::Arc;
@@ -138,7 +138,7 @@ pub(super) fn load(
     let extents: Vec<Extent> = train.iter().filter_map(|sample| sample.extent.clone()).collect();
     spec.trained_on = TrainedOn::over(&extents, spec.stride);
     let work = Workload { train, valid, frames_a_step: frames, names };
-    worth::notes(&work, &spec, &config.training)?.iter().for_each(|note| report.line(note));
+    data_checks::notes(&work, &spec, &config.training)?.iter().for_each(|note| report.line(note));
     let (all, kept, streamed) = work.sizes();
     report.line(&match streamed {
         0 => format!("frames: {} in memory", memory::size(all)),
@@ -176,7 +176,7 @@ fn carry_on(spec: &mut ModelSpec, model: &Model) -> Result<()> {
             fields(spec)
         )));
     }
-    if widen::factor(&old.architecture, &spec.architecture).is_none() {
+    if net2net::factor(&old.architecture, &spec.architecture).is_none() {
         return Err(Error::Input(format!(
             "the model to start from has [model] and [macro] {}; configuration and data say {}: they must be the same; only width \
              and ffn_width may both be larger, the same whole number of times",

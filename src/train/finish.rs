@@ -3,7 +3,7 @@
 use super::checkpoint::Checkpoint;
 use super::report::Report;
 use super::trainer::Trainer;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_model::Model;
 
 impl Trainer<'_> {
@@ -85,7 +85,7 @@ impl Trainer<'_> {
         });
         if let Some(path) = self.request.json.as_ref().filter(|_| self.comm.is_root()) {
             let text = serde_json::to_string_pretty(&figures).map_err(|e| Error::Internal(e.to_string()))?;
-            m4gn_mesh::files::write_whole(path, format!("{text}\n").as_bytes())?;
+            m4gn_base::files::write_whole(path, format!("{text}\n").as_bytes())?;
         }
         Ok(figures)
     }

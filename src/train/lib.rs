@@ -4,13 +4,16 @@
 //! [`Backend`](m4gn_learn::Backend) -> updates -> checkpoints, log, model file. The loop is the same for the native engine and for
 //! libtorch (`torch/`).
 
-mod advice;
 pub mod checkpoint;
 pub mod config;
+mod data_checks;
 mod data_set;
+pub mod delta;
+mod diagnostics;
 mod finish;
-mod journal;
+mod log;
 mod memory;
+mod net2net;
 mod ranges;
 pub mod recorded;
 mod report;
@@ -20,8 +23,6 @@ mod start;
 mod tests;
 mod trainer;
 mod validation;
-mod widen;
-mod worth;
 
 #[cfg(test)]
 extern crate self as m4gn_train;
@@ -33,9 +34,9 @@ pub use request::Request;
 pub use trainer::{Task, train};
 pub use validation::HORIZON;
 
+use m4gn_base::Result;
 use m4gn_learn::NativeBackend;
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
+use m4gn_parallel::Comm;
 use std::sync::atomic::AtomicU8;
 
 /// Trains as asked on the native engine.

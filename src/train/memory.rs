@@ -1,7 +1,7 @@
 //! How much memory there is, and what of it frames may take.
 
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 use std::path::Path;
 
 /// Bytes of a GB, as everywhere in what people read here.

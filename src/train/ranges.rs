@@ -1,8 +1,8 @@
 //! What the data span: ranges that a model says it was trained on.
 
+use m4gn_base::{Error, Result};
 use m4gn_data::Trajectory;
 use m4gn_domain::Components;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{Extent, InputRange, ModelSpec, Solid};
 use serde::Deserialize;
 
@@ -57,7 +57,7 @@ impl Ranges {
     }
 }
 
-/// What a trajectory says of its solid: a body by its elements, a solver's case by the provenance that `m4gnHarvest` writes.
+/// What a trajectory says of its solid: a body by its elements, a solver's case by the provenance that `m4gnRecorder` writes.
 ///
 /// # Errors
 /// [`Error::File`] for a provenance that has something else under this name.

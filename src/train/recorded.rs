@@ -2,10 +2,10 @@
 //! larger than the memory.
 
 use super::ranges::{Ranges, solid};
+use m4gn_base::{Error, Result};
 use m4gn_data::{States, Trajectory};
 use m4gn_domain::{as_seen, faces_seen_as_their_cells};
 use m4gn_learn::samples::{FrameSource, Sample};
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{FieldSpec, ModelSpec};
 use std::sync::Arc;
 
@@ -85,7 +85,7 @@ pub fn read(trajectory: &Trajectory, spec: &ModelSpec) -> Result<Sample> {
 /// As [`read`].
 pub fn read_within(trajectory: &Trajectory, spec: &ModelSpec, room: u64) -> Result<Sample> {
     let mesh = trajectory.mesh();
-    let made = Sample::of_mesh(mesh, spec, &spec.segments, spec.resolution, None);
+    let made = Sample::of_mesh(mesh, spec, &spec.segments, spec.resolution);
     let mut sample = made.map_err(|e| Error::file(trajectory.path(), e.to_string()))?;
     sample.n_frames = trajectory.times().len();
     let recorded = Recorded::new(trajectory, spec);

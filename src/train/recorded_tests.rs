@@ -1,13 +1,13 @@
 use crate::config;
-use crate::sample::{self, request};
-use crate::tests::{data, edit, run, state};
+use crate::sample::{self, folder, request};
+use crate::tests::{edit, run, state};
 use m4gn_learn::normaliser::Normaliser;
 use m4gn_learn::{Backend, Batch, Example, NativeBackend, Rollout, Workload};
 
 /// In memory, on disk, and the first trajectory (30 frames of 68 nodes and 3 components in 4 bytes) in memory.
 #[test]
 fn frames_that_stay_on_disk_give_the_same_weights_bit_for_bit() {
-    let folder = data();
+    let folder = folder();
     for (name, resolution) in [("cells", ""), ("groups", "resolution = 0.3\n")] {
         let mut models = Vec::new();
         for (i, memory) in [None, Some(0.0), Some(24_480e-9), Some(24_479e-9)].into_iter().enumerate() {
@@ -31,7 +31,7 @@ fn frames_that_stay_on_disk_give_the_same_weights_bit_for_bit() {
 
 #[test]
 fn a_file_that_vanishes_is_named_by_the_step_that_needs_it() {
-    let folder = data();
+    let folder = folder();
     let spec = m4gn_samples::model::spec();
     let path = folder.path().join("data/000.h5");
     let sample = super::read_within(&m4gn_data::Trajectory::open(&path).unwrap(), &spec, 0).unwrap();

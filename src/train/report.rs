@@ -1,6 +1,6 @@
 //! What a training says while it runs: a progress bar on a terminal, plain lines otherwise.
 
-use super::journal::{Row, Validation};
+use super::log::{Row, Validation};
 use indicatif::{ProgressBar, ProgressStyle};
 use m4gn_report::number;
 use std::cell::RefCell;

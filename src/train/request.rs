@@ -1,7 +1,7 @@
 //! What the command line asks for, as it crosses the C interface.
 
 use super::config::Config;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -69,9 +69,9 @@ impl Request {
             std::fs::create_dir_all(folder)
                 .map_err(|e| Error::file(folder, format!("the folder of --out cannot be made: {e}")))?;
         }
-        m4gn_mesh::files::check_writable(&self.out)?;
+        m4gn_base::files::check_writable(&self.out)?;
         if let Some(json) = &self.json {
-            m4gn_mesh::files::check_writable(json)?;
+            m4gn_base::files::check_writable(json)?;
         }
         Ok(())
     }

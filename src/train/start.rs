@@ -4,15 +4,15 @@ use super::checkpoint::{Checkpoint, Progress};
 use super::config::Config;
 use super::data_set;
 use super::memory;
+use super::net2net;
 use super::report::Report;
 use super::request::Request;
 use super::trainer::Trainer;
-use super::widen;
+use m4gn_base::{Error, Result};
 use m4gn_learn::Workload;
 use m4gn_learn::inputs;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec, SegmentSpec};
+use m4gn_parallel::Comm;
 use std::path::Path;
 use std::sync::atomic::AtomicU8;
 
@@ -61,8 +61,8 @@ pub(super) fn load(request: &Request, stop: &AtomicU8, comm: &Comm, report: &Rep
     let from = from
         .map(|model| {
             let model = inputs::extend(model, &spec, &work)?;
-            let factor = widen::factor(&model.spec.architecture, &spec.architecture).unwrap_or(1);
-            widen::widen(model, factor, config.training.seed)
+            let factor = net2net::factor(&model.spec.architecture, &spec.architecture).unwrap_or(1);
+            net2net::widen(model, factor, config.training.seed)
         })
         .transpose()?;
     Ok(Loaded { config, work, spec, from, earlier })

@@ -3,20 +3,13 @@
 
 use super::checkpoint::Checkpoint;
 use super::*;
+use m4gn_base::Error;
 use m4gn_learn::Workload;
 use m4gn_learn::normaliser::Normaliser;
-use m4gn_mesh::Error;
 use m4gn_model::Model;
-use sample::request;
+use sample::{folder, losses, request};
 use std::path::Path;
 use std::sync::atomic::{AtomicU8, Ordering};
-
-pub(super) fn data() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::create_dir(folder.path().join("data")).unwrap();
-    sample::write_data(&folder.path().join("data"), 3).unwrap();
-    folder
-}
 
 pub(super) fn run(request: &Request) -> Result<serde_json::Value> {
     train_native(request, &AtomicU8::new(0), &Comm::serial())
@@ -35,15 +28,9 @@ pub(super) fn state(request: &Request) -> (u64, Vec<Vec<f32>>, Normaliser) {
     (c.progress.step, weights, c.normaliser)
 }
 
-pub(super) fn losses(request: &Request) -> Vec<f64> {
-    let text = std::fs::read_to_string(request.log()).unwrap();
-    let rows = text.lines().skip(1);
-    rows.map(|l| l.split(',').nth(4).unwrap().parse().unwrap()).collect()
-}
-
 #[test]
 fn interrupted_anywhere_and_resumed_it_is_the_uninterrupted_one_bit_for_bit() {
-    let folder = data();
+    let folder = folder();
     // Whose matrices are shared out to the threads.
     let training = "optimiser = \"muon\"\ncheckpoint_interval = 5";
     let whole = request(folder.path(), "whole", training, 14);
@@ -81,7 +68,7 @@ fn interrupted_anywhere_and_resumed_it_is_the_uninterrupted_one_bit_for_bit() {
 
 #[test]
 fn training_lowers_the_loss_and_leaves_a_model() {
-    let folder = data();
+    let folder = folder();
     for (precision, optimiser, most) in [("fp32", "adam", 0.3), ("bf16", "adam", 0.35), ("fp32", "muon", 0.3)]
     {
         let training =
@@ -104,7 +91,7 @@ fn training_lowers_the_loss_and_leaves_a_model() {
 
 #[test]
 fn a_model_is_trained_further() {
-    let folder = data();
+    let folder = folder();
     let first = request(folder.path(), "first", "validation_interval = 100", 100);
     run(&first).unwrap();
     let mut second = request(folder.path(), "second", "", 4);
@@ -140,7 +127,7 @@ fn a_model_is_trained_further() {
 
 #[test]
 fn a_model_is_given_an_input_more() {
-    let folder = data();
+    let folder = folder();
     let first = request(folder.path(), "first", "", 20);
     let p = "{ name = \"p\", input = true, output = \"value\" }";
     edit(&first.config, &format!(", {p}"), "");
@@ -178,7 +165,7 @@ fn a_model_is_given_an_input_more() {
 
 #[test]
 fn trajectories_that_are_too_short_are_left_out() {
-    let folder = data();
+    let folder = folder();
     let count = |name: &str| {
         let r = request(folder.path(), name, "", 4);
         run(&r).unwrap();
@@ -201,7 +188,7 @@ fn trajectories_that_are_too_short_are_left_out() {
 
 #[test]
 fn a_wider_network_begins_with_what_a_narrower_one_knows() {
-    let folder = data();
+    let folder = folder();
     let first = request(folder.path(), "first", "", 20);
     run(&first).unwrap();
     // What a training of one update says that changes next to nothing.
@@ -238,7 +225,7 @@ fn a_wider_network_begins_with_what_a_narrower_one_knows() {
 
 #[test]
 fn a_training_that_diverges_keeps_what_was_good() {
-    let folder = data();
+    let folder = folder();
     for interval in [1, 2] {
         let name = format!("wild{interval}");
         let training = format!("checkpoint_interval = {interval}\nvalidation_interval = 4");
@@ -269,7 +256,7 @@ fn a_training_that_diverges_keeps_what_was_good() {
 
 #[test]
 fn damaged_checkpoints_are_refused() {
-    let folder = data();
+    let folder = folder();
     let mut r = request(folder.path(), "model", "", 4);
     run(&r).unwrap();
     r.resume = true;
@@ -298,7 +285,7 @@ fn damaged_checkpoints_are_refused() {
 
 #[test]
 fn what_does_not_fit_is_refused_before_anything_is_written() {
-    let folder = data();
+    let folder = folder();
     let mut first = request(folder.path(), "first", "", 2);
     run(&first).unwrap();
     let again = run(&first).unwrap_err().to_string();
@@ -376,7 +363,7 @@ fn a_body_is_read_as_a_flow_is() {
 
 #[test]
 fn bodies_among_flows_are_refused() {
-    let folder = data();
+    let folder = folder();
     std::fs::copy(BODY, folder.path().join("data/body.h5")).unwrap();
     let message = run(&request(folder.path(), "mixed", "", 2)).unwrap_err().to_string();
     assert!(message.contains("body.h5") && message.contains("a table [contact] with a radius"), "{message}");
@@ -384,7 +371,7 @@ fn bodies_among_flows_are_refused() {
 
 #[test]
 fn contact_on_flows_is_refused_with_what_to_leave_out() {
-    let folder = data();
+    let folder = folder();
     let request = request(folder.path(), "contact", "", 2);
     edit(&request.config, "[training]", "[contact]\nradius = 0.01\n[training]");
     let message = run(&request).unwrap_err().to_string();
@@ -394,7 +381,7 @@ fn contact_on_flows_is_refused_with_what_to_leave_out() {
 /// Twice the fields, four times the squared changes: 0.4 and 1.6 of the mean.
 #[test]
 fn trajectories_of_small_changes_weigh_up_to_those_of_large_ones() {
-    let folder = data();
+    let folder = folder();
     let spec = m4gn_samples::model::spec();
     let path = folder.path().join("data/000.h5");
     let read = || recorded::read(&m4gn_data::Trajectory::open(&path).unwrap(), &spec).unwrap();

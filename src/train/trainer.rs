@@ -1,21 +1,21 @@
 //! The training loop: batches, updates, validation, checkpoints, log, interruption; the same for every backend.
 
-use super::advice::{self, Advice};
 use super::checkpoint::{self, Progress};
 use super::config::Config;
-use super::journal::{Journal, Row, Validation};
+use super::diagnostics::{self, Advice};
+use super::log::{Journal, Row, Validation};
 use super::report::Report;
 use super::request::Request;
 use super::start::load;
 use super::validation::HORIZON;
+use m4gn_base::{Error, Result};
 use m4gn_engine::backward::{Layout, Optimiser, norm};
 use m4gn_learn::Workload;
+use m4gn_learn::data_parallel::learn_together;
 use m4gn_learn::normaliser::Normaliser;
-use m4gn_learn::together::learn_together;
 use m4gn_learn::{Backend, Batch, Example, Learned};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec, Output};
+use m4gn_parallel::Comm;
 use m4gn_report::number;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -231,7 +231,7 @@ impl Trainer<'_> {
                 self.save()?;
             }
             if out_of_time {
-                report.line(&advice::stopped(t, step));
+                report.line(&diagnostics::stopped(t, step));
                 break;
             }
         }

@@ -1,11 +1,11 @@
 //! A validation: rollouts of the validation trajectories, by which the best weights are chosen.
 
-use super::journal::Validation;
+use super::log::Validation;
 use super::report::Report;
 use super::trainer::Trainer;
+use m4gn_base::Result;
 use m4gn_learn::Rollout;
-use m4gn_learn::together::roll_out_together;
-use m4gn_mesh::Result;
+use m4gn_learn::data_parallel::roll_out_together;
 
 /// Recorded frames that RMSE-50 is over, in training as in `m4gn validate`.
 pub const HORIZON: usize = 50;

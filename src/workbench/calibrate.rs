@@ -1,10 +1,10 @@
 //! How the errors of a model's rollouts grow, measured on recorded data (`m4gn calibrate`); see [`m4gn_model::Calibration`].
 
 use crate::validate::{Scene, fits, predicted, stepper};
+use m4gn_base::{Error, Result};
 use m4gn_data::Trajectory;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{Calibration, Model, RolloutErrors};
+use m4gn_parallel::Comm;
 use m4gn_step::{Session, SessionOptions};
 
 /// Errors of each predicted field in one rollout.
@@ -63,32 +63,6 @@ pub fn rollouts(
     Ok(all)
 }
 
-/// What may be carried on of a correction ([`Calibration::carried`]): 0, nothing, first. Of bodies; else none.
-pub fn carried(model: &Model) -> &'static [f64] {
-    match m4gn_domain::moves(&model.spec) {
-        true => &[0.0, 0.5, 0.8, 0.9, 0.95],
-        false => &[],
-    }
-}
-
-/// Which of several measurements of the same rollouts has the smallest errors of the headline field. Each rollout counts alike: what is
-/// compared is the mean logarithm of its squared error over all strides. Rollouts without an error, or with one that is not finite, in
-/// the first measurement do not count.
-pub fn best(measured: &[Vec<Vec<Rollout>>]) -> usize {
-    let square = |rollout: &Rollout| -> f64 { rollout[0].after.iter().map(|e| e * e).sum() };
-    let squares = |all: &Vec<Vec<Rollout>>| -> Vec<f64> { all.iter().flatten().map(square).collect() };
-    let Some(first) = measured.first().map(squares) else {
-        return 0;
-    };
-    let score = |all: &Vec<Vec<Rollout>>| -> f64 {
-        let counts = first.iter().zip(squares(all));
-        let counts = counts.filter(|(a, _)| **a > 0.0 && a.is_finite());
-        counts.map(|(a, b)| (b / a).ln()).sum()
-    };
-    let scores: Vec<f64> = measured.iter().map(score).collect();
-    (0..scores.len()).fold(0, |best, i| if scores[i] < scores[best] { i } else { best })
-}
-
 /// Of the rollouts on all trajectories.
 ///
 /// # Errors
@@ -127,29 +101,10 @@ mod tests {
         let name = predicted(&spec.fields)[0].name.clone();
         let model = Model::random(spec, 1).unwrap();
         let growth = |field: String| m4gn_model::Growth { field, factors: vec![1.5, 1.5, 3.0] };
-        let calibration = Calibration {
-            growth: vec![growth("extra".into()), growth(name)],
-            ..Calibration::of_carried(0.0)
-        };
+        let calibration =
+            Calibration { growth: vec![growth("extra".into()), growth(name)], ..Calibration::default() };
         let errors = RolloutErrors { before: 1.0, after: vec![1.0, 2.0] };
         let found = covered(&calibration, &model, 0, &[vec![errors]]);
         assert_eq!(found, [Some(1.0), Some(0.0), None]);
-    }
-
-    #[test]
-    fn each_rollout_counts_alike() {
-        let of = |errors: [f64; 2]| -> Vec<Vec<Rollout>> {
-            let rollout = |e: f64| vec![RolloutErrors { before: 1.0, after: vec![e] }];
-            errors.map(|e| vec![rollout(e)]).into()
-        };
-        // Errors over those of the first: 2 and 0.6; 1/2 and 1.2; 2 and 1/4
-        let measured = [of([1.0, 100.0]), of([2.0, 60.0]), of([0.5, 120.0])];
-        assert_eq!(best(&measured), 2);
-        assert_eq!(best(&measured[..2]), 0);
-        assert_eq!(best(&[of([1.0, 100.0]), of([2.0, 25.0])]), 1);
-        // The second rollout does not count.
-        assert_eq!(best(&[of([1.0, f64::INFINITY]), of([0.9, f64::INFINITY])]), 1);
-        assert_eq!(best(&[of([0.0, 1.0]), of([0.0, 2.0])]), 0);
-        assert_eq!(best(&[]), 0);
     }
 }

@@ -1,9 +1,10 @@
-//! Loads `libm4gn_foam_bridge.so` and calls its C interface (`openfoam/bridge/abi.rs`, version 6).
+//! Loads `libm4gn_foam_bridge.so` and calls its C interface (`cpp/bridge/abi.rs`, version 6).
 #![allow(unsafe_code)]
 
+use m4gn_base::plugin::{Description, Plugin, c_string, folder_variable};
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
 use m4gn_mesh::ffi::host::{self, MeshData, SolidData};
-use m4gn_mesh::plugin::{Description, Plugin, c_string, folder_variable};
-use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_modes::fem::HostBody;
 use std::{
     ffi::{CStr, c_char, c_void},
@@ -72,7 +73,7 @@ impl FoamBridge {
         // SAFETY: a command calls this on the main thread before it starts threads that could read the environment.
         unsafe { std::env::set_var("WM_PROJECT_DIR", &project) };
         let library = LIBRARY.load_from(file)?;
-        // SAFETY: the types are those of openfoam/bridge/abi.rs at this version.
+        // SAFETY: the types are those of cpp/bridge/abi.rs at this version.
         unsafe {
             Ok(FoamBridge {
                 open: library.function("m4gn_foam_open")?,

@@ -8,7 +8,6 @@
 //! | [`hybrid`] | many cases, each with and without surrogate | [`hybrid::run`] |
 //! | [`generate`] | training data | [`generate::queue::Queue::run`] |
 //! | [`study`] | networks on data sets, compared | [`study::run`] |
-//! | [`survey`] | segments of a mesh | [`survey::Survey::run`] |
 //! | [`bench`] | what a step costs | [`bench::Workload`], [`bench::Trial`] |
 //!
 //! They share [`errors`] of fields, [`signal`] (spectra and statistics), digests of inputs, and [`foam_case`], OpenFOAM's cases.
@@ -26,5 +25,4 @@ pub mod hybrid;
 pub mod predict;
 pub mod signal;
 pub mod study;
-pub mod survey;
 pub mod validate;

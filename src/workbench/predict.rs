@@ -1,10 +1,10 @@
 //! A model's rollout from the first frame of a trajectory, as a trajectory, with its errors beside those of knowing nothing.
 
 use crate::validate::{Scene, fits, stepper};
+use m4gn_base::{Error, Result};
 use m4gn_data::{FieldMeta, Trajectory, WriteOptions, Writer};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
+use m4gn_parallel::Comm;
 use m4gn_report::{Table, number};
 use m4gn_step::{Session, SessionOptions};
 use serde_json::{Value, json};

@@ -180,13 +180,38 @@ struct Fields
         }
     }
 
-    std::vector<m4gn_field> in() const
-    {
-        return {{"U", 3, U.data(), UBoundary.data()}, {"p", 1, p.data(), pBoundary.data()}};
-    }
+    std::vector<const double*> cells() const { return {U.data(), p.data()}; }
 
-    std::vector<m4gn_field_out> out() { return {{"U", 3, U.data()}, {"p", 1, p.data()}}; }
+    std::vector<const double*> boundary() const { return {UBoundary.data(), pBoundary.data()}; }
+
+    std::vector<double*> next() { return {U.data(), p.data()}; }
+
+    // The same as the state of a ride on this mesh.
+    m4gn::State state(const Channel& mesh)
+    {
+        m4gn::State state;
+        state.add("U", M4GN_CELLS, M4GN_SOLVED, 3, U, mesh.cellVolumes.data(), 2);
+        state.add("p", M4GN_CELLS, M4GN_FOLLOWS, 1, p);
+        state.add("U", M4GN_BOUNDARY, M4GN_CARRIED, 3, UBoundary);
+        state.add("p", M4GN_BOUNDARY, M4GN_CARRIED, 1, pBoundary);
+        return state;
+    }
 };
+
+// The model's stride is 0.01 s, five of these.
+constexpr double dt = 0.002;
+
+// Where a host of a ride is after so many steps of its solver.
+inline m4gn_ride_step at(int64_t index)
+{
+    m4gn_ride_step step{};
+    step.time = step.shown = dt * static_cast<double>(index);
+    step.delta_t = dt;
+    step.end_time = HUGE_VAL;
+    step.index = index;
+    step.correctors = step.most_correctors = -1;
+    return step;
+}
 
 // Runs an action that must throw; returns its status, and its message in `message`.
 template <class Action> int32_t failure(std::string& message, const Action& action)

@@ -10,8 +10,8 @@
 namespace
 {
 
-const std::vector<m4gn_recorder_field> recorded{
-    {"U", 3, {0, 1, -1, 0, 0, 0, 0}}, {"p", 1, {0, 2, -2, 0, 0, 0, 0}}};
+const std::vector<m4gn_field_info> recorded{
+    {"U", 3, {0, 1, -1, 0, 0, 0, 0}, 0, 0}, {"p", 1, {0, 2, -2, 0, 0, 0, 0}, 0, 0}};
 
 std::string options(const std::string& path, const std::string& more = R"("split": "test")")
 {
@@ -50,36 +50,43 @@ int main()
     {
         m4gn::Recorder recorder(
             M4GN_NO_MPI, mesh.data, options(path, R"("provenance": {"application": "a test"})"), recorded);
-        recorder.append(0.1, fields.in());
-        recorder.append(0.2, fields.in());
+        const auto append = [&](double time, const Fields& f) {
+            recorder.append(time, f.cells(), f.boundary());
+        };
+        append(0.1, fields);
+        append(0.2, fields);
         REQUIRE(recorder.nFrames() == 2);
 
         // What is refused leaves the recording as it was.
-        REQUIRE(failure(message, [&] { recorder.append(0.2, fields.in()); }) == M4GN_ERROR_INPUT);
-        REQUIRE(failure(message, [&] { recorder.append(0.3, {fields.in()[0]}); }) == M4GN_ERROR_INPUT);
+        REQUIRE(failure(message, [&] { append(0.2, fields); }) == M4GN_ERROR_INPUT);
+        const auto refuses = [&](std::vector<const double*> cells, std::vector<const double*> boundary) {
+            return failure(message, [&] { recorder.append(0.3, cells, boundary); });
+        };
+        REQUIRE(refuses({fields.U.data()}, fields.boundary()) == M4GN_ERROR_INPUT);
+        REQUIRE(refuses({fields.U.data(), nullptr}, fields.boundary()) == M4GN_ERROR_INPUT);
         REQUIRE(contains(message, "p"));
-        auto wrong = fields.in();
-        wrong[0].components = 1;
-        REQUIRE(failure(message, [&] { recorder.append(0.3, wrong); }) == M4GN_ERROR_INPUT);
-        wrong = fields.in();
-        wrong[0].cells = nullptr;
-        REQUIRE(failure(message, [&] { recorder.append(0.3, wrong); }) == M4GN_ERROR_INPUT);
+        REQUIRE(refuses(fields.cells(), {nullptr, fields.pBoundary.data()}) == M4GN_ERROR_INPUT);
+        REQUIRE(contains(message, "U"));
         Fields bad(mesh);
         bad.p[3] = NAN;
-        REQUIRE(failure(message, [&] { recorder.append(0.3, bad.in()); }) == M4GN_ERROR_NUMERICAL);
+        REQUIRE(failure(message, [&] { append(0.3, bad); }) == M4GN_ERROR_NUMERICAL);
+        bad = fields;
+        bad.UBoundary[0] = INFINITY;
+        REQUIRE(failure(message, [&] { append(0.3, bad); }) == M4GN_ERROR_NUMERICAL);
+        REQUIRE(failure(message, [&] { append(NAN, fields); }) == M4GN_ERROR_INPUT);
         REQUIRE(recorder.nFrames() == 2);
 
         REQUIRE(access(path.c_str(), F_OK) != 0);
         recorder.finish();
         REQUIRE(access(path.c_str(), F_OK) == 0);
-        REQUIRE(failure(message, [&] { recorder.append(0.4, fields.in()); }) > 0);
+        REQUIRE(failure(message, [&] { append(0.4, fields); }) > 0);
     }
     REQUIRE(filesIn(folder) == empty + 1);
 
     // Dropped before it is finished: nothing is left.
     {
         m4gn::Recorder recorder(M4GN_NO_MPI, mesh.data, options(folder + "/b.h5"), recorded);
-        recorder.append(0.1, fields.in());
+        recorder.append(0.1, fields.cells(), fields.boundary());
     }
     REQUIRE(filesIn(folder) == empty + 1);
 
@@ -98,8 +105,15 @@ int main()
     REQUIRE(refused(options(fresh, R"("provenance": "none")")) == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "provenance: expected a map"));
     REQUIRE(refused("{}") == M4GN_ERROR_INPUT);
-    REQUIRE(contains(message, "path: expected the name of the file"));
+    REQUIRE(contains(message, "missing field path"));
     given.clear();
+    REQUIRE(refused(options(fresh)) == M4GN_ERROR_INPUT);
+    given = recorded;
+    given[1].components = 2;
+    REQUIRE(refused(options(fresh)) == M4GN_ERROR_INPUT);
+    given[1] = given[0];
+    REQUIRE(refused(options(fresh)) == M4GN_ERROR_INPUT);
+    given[1].name = nullptr;
     REQUIRE(refused(options(fresh)) == M4GN_ERROR_INPUT);
     given = recorded;
     mesh.data.face_owner = nullptr;

@@ -40,7 +40,7 @@ void steps()
 
     Fields fields1(mesh);
     const Fields before(mesh);
-    session.step(fields1.in(), fields1.out());
+    session.step(fields1.cells(), fields1.boundary(), fields1.next());
     double change = 0;
     for (int c = 0; c < mesh.nCells(); ++c) {
         REQUIRE(std::isfinite(fields1.U[3 * c]) && std::isfinite(fields1.p[c]));
@@ -54,11 +54,11 @@ void steps()
         M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model), settings(R"("n_threads": 2)"),
         segments.data());
     Fields fields2(mesh);
-    again.step(before.in(), fields2.out());
+    again.step(before.cells(), before.boundary(), fields2.next());
     REQUIRE(fields2.U == fields1.U && fields2.p == fields1.p);
 }
 
-// A run is of the model that it began with: the file is another one, and then gone, while sessions are made and learn.
+// A run is of the model that it began with: the file is another one, and then gone, while sessions are made.
 void readsTheModelOnce()
 {
     Channel mesh(6, 4);
@@ -68,7 +68,7 @@ void readsTheModelOnce()
     const auto step = [&] {
         m4gn::Session session(M4GN_NO_MPI, mesh.data, opened);
         Fields fields(mesh);
-        session.step(fields.in(), fields.out());
+        session.step(fields.cells(), fields.boundary(), fields.next());
         return fields.U;
     };
     const auto before = step();
@@ -78,15 +78,6 @@ void readsTheModelOnce()
     std::remove(path.c_str());
     REQUIRE(step() == before);
     REQUIRE(opened.elasticModes() == 0);
-
-    m4gn_ride_step start{};
-    start.delta_t = 0.002;
-    m4gn::Ride ride(session, mesh.data, R"({"mode": "observe", "adapt": {"mode": "before"}})", start);
-    Fields fields(mesh);
-    start.time = start.delta_t;
-    start.index = 1;
-    ride.solved(start);
-    REQUIRE(ride.decide(fields.in()).action == M4GN_RIDE_SOLVE);
 }
 
 void refusesModels()
@@ -209,37 +200,43 @@ void refusesFields()
     Channel mesh(6, 4);
     m4gn::Session session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model));
     std::string message;
-    const auto with = [&](void (*change)(std::vector<m4gn_field>&, std::vector<m4gn_field_out>&)) {
+    using List = std::vector<const double*>;
+    const auto with = [&](void (*change)(List&, List&, std::vector<double*>&)) {
         Fields fields(mesh);
         const auto before = fields;
-        auto in = fields.in();
-        auto out = fields.out();
-        change(in, out);
-        const int32_t status = failure(message, [&] { session.step(in, out); });
+        auto cells = fields.cells(), boundary = fields.boundary();
+        auto next = fields.next();
+        change(cells, boundary, next);
+        const int32_t status = failure(message, [&] { session.step(cells, boundary, next); });
         REQUIRE(fields.U == before.U && fields.p == before.p);
         return status;
     };
-    using In = std::vector<m4gn_field>;
-    using Out = std::vector<m4gn_field_out>;
-    REQUIRE(with([](In& in, Out&) { in.pop_back(); }) == M4GN_ERROR_INPUT);
-    REQUIRE(contains(message, "'p' is missing"));
-    REQUIRE(with([](In& in, Out&) { in[0].name = "V"; }) == M4GN_ERROR_INPUT);
-    REQUIRE(with([](In& in, Out&) { in[0].name = nullptr; }) == M4GN_ERROR_INPUT);
-    REQUIRE(with([](In& in, Out&) { in[0].components = 2; }) == M4GN_ERROR_INPUT);
-    REQUIRE(with([](In& in, Out&) { in[0].components = 1; }) == M4GN_ERROR_INPUT);
-    REQUIRE(with([](In& in, Out&) { in[1].cells = nullptr; }) == M4GN_ERROR_INPUT);
-    REQUIRE(with([](In& in, Out&) { in[1].boundary = nullptr; }) == M4GN_ERROR_INPUT);
-    REQUIRE(with([](In&, Out& out) { out[1].name = "T"; }) == M4GN_ERROR_INPUT);
-    REQUIRE(contains(message, "does not predict 'T'"));
-    REQUIRE(with([](In&, Out& out) { out[1].cells = nullptr; }) == M4GN_ERROR_INPUT);
-    REQUIRE(with([](In&, Out& out) { out.clear(); }) == M4GN_ERROR_INPUT);
-    static std::vector<double> bad(24, NAN);
-    REQUIRE(with([](In& in, Out&) { in[1].cells = bad.data(); }) == M4GN_ERROR_NUMERICAL);
+    using Next = std::vector<double*>;
+    REQUIRE(with([](List& cells, List&, Next&) { cells.pop_back(); }) == M4GN_ERROR_INPUT);
+    REQUIRE(with([](List& cells, List&, Next&) { cells[1] = nullptr; }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "p"));
+    REQUIRE(with([](List&, List& boundary, Next&) { boundary[0] = nullptr; }) == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "U"));
+    REQUIRE(with([](List&, List&, Next& next) { next[1] = nullptr; }) == M4GN_ERROR_INPUT);
+    static std::vector<double> bad(24, NAN), infinite(20, INFINITY);
+    REQUIRE(with([](List& cells, List&, Next&) { cells[1] = bad.data(); }) == M4GN_ERROR_NUMERICAL);
+    REQUIRE(
+        with([](List&, List& boundary, Next&) { boundary[1] = infinite.data(); }) == M4GN_ERROR_NUMERICAL);
     static std::vector<double> huge(24, 1e300);
-    REQUIRE(with([](In& in, Out&) { in[1].cells = huge.data(); }) == M4GN_ERROR_NUMERICAL);
+    REQUIRE(with([](List& cells, List&, Next&) { cells[1] = huge.data(); }) == M4GN_ERROR_NUMERICAL);
+    Fields lists(mesh);
+    const auto cells = lists.cells(), boundary = lists.boundary();
+    const auto next = lists.next();
+    const auto step = [&](const double* const* c, const double* const* b, double* const* n) {
+        return m4gn_session_step(session.get(), c, b, n);
+    };
+    REQUIRE(step(nullptr, boundary.data(), next.data()) == M4GN_ERROR_INPUT);
+    REQUIRE(step(cells.data(), nullptr, next.data()) == M4GN_ERROR_INPUT);
+    REQUIRE(step(cells.data(), boundary.data(), nullptr) == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_session_step(nullptr, cells.data(), boundary.data(), next.data()) == M4GN_ERROR_INPUT);
     // Still usable.
     Fields fields(mesh);
-    session.step(fields.in(), fields.out());
+    session.step(fields.cells(), fields.boundary(), fields.next());
 }
 
 } // namespace

@@ -35,7 +35,7 @@ reconstructPar -time 0.1 > log.reconstruct 2>&1 || fail "reconstructPar"
 below "$(difference 0.1/D ../serial-beam/D)" 5e-3 "difference of D on two ranks"
 
 export LD_LIBRARY_PATH=$whole
-echo 'test { type m4gnPredictor; libs (m4gnFoam); } last { type m4gnHarvest; libs (m4gnFoam); fields (D); }' > system/functions
+echo 'test { type m4gnPredictor; libs (m4gnFoam); } last { type m4gnRecorder; libs (m4gnFoam); fields (D); }' > system/functions
 clean_case
 refused 'Function object last comes after test of type m4gnPredictor' solidDisplacementFoam
 function_object m4gnPredictor 'predictor cubic;'

@@ -22,8 +22,8 @@ surrogate "mode replce; model \"$small_model\";"
 refused 'mode: expected observe or replace, found replce; is replace meant' icoFoam
 surrogate "mode accelerate; model \"$small_model\";"
 refused 'mode: expected observe or replace, found accelerate' icoFoam
-function_object m4gnSurrogate "mode replace; surrogates (linear); linear { keep no; file states; }"
-refused 'linear has no entry file' icoFoam
+function_object m4gnSurrogate "mode replace; surrogates (dmd); dmd { keep no; file states; }"
+refused 'dmd has no entry file' icoFoam
 surrogate "$good model missing.safetensors;"
 refused 'There is no model' icoFoam
 
@@ -67,11 +67,11 @@ sed -i '/ddtSchemes/,/}/s/default .*/default CrankNicolson 0.9;/' system/fvSchem
 refused 'Handled: Euler, backward' icoFoam
 cp fvSchemes system/fvSchemes
 
-function_object m4gnHarvest 'field (U p);'
+function_object m4gnRecorder 'field (U p);'
 refused 'field: unknown entry, expected one of path' icoFoam
-function_object m4gnHarvest 'split trian;'
+function_object m4gnRecorder 'split trian;'
 refused 'split: expected one of train, valid, test, found trian; is train meant?' icoFoam
-function_object m4gnHarvest 'fields (U T);'
+function_object m4gnRecorder 'fields (U T);'
 refused 'Field T is neither' icoFoam
 [ ! -e postProcessing/test/0/trajectory.h5 ] || fail "a refused recording left a file"
 
@@ -80,7 +80,7 @@ cp -r 0 0.keep
 cp constant/polyMesh/boundary boundary
 sed -i '/^ *inlet$/,/}/s/type  *patch;/type mappedPatch; sampleMode nearestPatchFace; sampleRegion region0; samplePatch outlet; offsetMode uniform; offset (0 0 0);/' \
     constant/polyMesh/boundary
-function_object m4gnHarvest
+function_object m4gnRecorder
 refused 'Patch inlet is of type mappedPatch' icoFoam
 cp boundary constant/polyMesh/boundary
 echo "bad-input: passed"

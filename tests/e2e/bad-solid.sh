@@ -60,14 +60,14 @@ grep -q ' Hz' log.run || fail "solids4foam's list of materials was not taken"
 refused 'material visco of mechanicalProperties has neither E and nu nor mu and K with rho, each a number' \
     postProcess -func m4gnSegments -time 0
 cp ../good/0/D 0
-echo 'type m4gnHarvest; libs (m4gnFoam); fields (D);' > system/m4gnHarvest
-runs postProcess -func m4gnHarvest -time 0
+echo 'type m4gnRecorder; libs (m4gnFoam); fields (D);' > system/m4gnRecorder
+runs postProcess -func m4gnRecorder -time 0
 grep -q 'no modes of the elastic body, whose material is not known: material visco of mechanicalProperties has' log.run ||
     { cat log.run; fail "it is not said that there are no modes"; }
 recorded=$(find postProcessing -name trajectory.h5)
 [ -n "$recorded" ] || fail "nothing was recorded of a body without modes"
 m4gn info "$recorded" > ../info || fail "the recording of a body without modes cannot be read"
-rm -r postProcessing system/m4gnHarvest
+rm -r postProcessing system/m4gnRecorder
 rm $properties
 refused 'found no such file' postProcess -func m4gnSegments -time 0
 echo "type m4gnSegments; libs (m4gnFoam); segments { count 8; operator elastic; material { E 1e6; nu 0.3; } }" > system/m4gnSegments

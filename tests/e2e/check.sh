@@ -19,7 +19,7 @@ sums() { find . -type f -exec md5sum {} + | sort; }
 make_case case
 sed -i 's/^endTime.*/endTime 0.6;/' system/controlDict
 drag forces > system/functions
-function_object m4gnSurrogate 'mode replace; surrogates (linear);' && mv system/functions own
+function_object m4gnSurrogate 'mode replace; surrogates (dmd);' && mv system/functions own
 drag forces | cat - own > system/functions && rm own
 # A file from beside the case
 cp constant/transportProperties ../shared
@@ -27,19 +27,19 @@ cp constant/transportProperties ../shared
 before=$(sums)
 check 0 . --model "$small_model" --seconds 30 --json ../check.json
 [ "$(sums)" = "$before" ] || fail "the case is not what it was"
-says "^linear: fits"
+says "^dmd: fits"
 says "handed over *U, p, phi$"
 says "^network: fits"
 says "case's own test is left out"
-says "suggested *linear { interval"
+says "suggested *dmd { snapshotInterval"
 says "cylinder *obstacle (wall)\|cylinder *wall (wall)"
 python3 - <<'EOD'
 import json
-linear, network = json.load(open("../check.json"))["findings"]
-for finding in (linear, network):
+dmd, network = json.load(open("../check.json"))["findings"]
+for finding in (dmd, network):
     report = finding["report"]
     assert finding["why"] is None and report["jumped"] and report["steps_after"] > 1, finding
-assert network["report"]["handed_over"] and linear["report"]["numbers"] > 0 and linear["report"]["watched"] > 0
+assert network["report"]["handed_over"] and dmd["report"]["numbers"] > 0 and dmd["report"]["watched"] > 0
 EOD
 echo "fits: $(grep suggested ../log.check)"
 
@@ -60,10 +60,10 @@ says "no network can be made of the configuration .*\[model\]"
 # What a run refuses is refused in its words
 sed -i 's/default *Euler/default steadyState/' system/fvSchemes
 check 1 .
-why=$(sed -n 's/^linear: does not fit: //p' ../log.check)
-function_object m4gnSurrogate 'mode replace; surrogates (linear);'
+why=$(sed -n 's/^dmd: does not fit: //p' ../log.check)
+function_object m4gnSurrogate 'mode replace; surrogates (dmd);'
 refused "${why%% of ddtSchemes*}" icoFoam
-says 'does not fit: The linear surrogate does not handle the time scheme steadyState of ddtSchemes'
+says 'does not fit: The dmd surrogate does not handle the time scheme steadyState of ddtSchemes'
 echo "refused: $why"
 sed -i 's/default steadyState/default Euler/' system/fvSchemes
 : > system/functions

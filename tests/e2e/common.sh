@@ -21,6 +21,12 @@ fail() { echo "FAILED: $*" >&2; exit 1; }
 # skip WHY: the machine lacks what the test needs. 77 is what ./Alltest counts as skipped.
 skip() { echo "skipped: $*"; exit 77; }
 
+# needs_solids4foam: finds it, or skips the test
+needs_solids4foam() {
+    solids4foam_environment ||
+        skip "there is no solids4foam in ${SOLIDS4FOAM_INST_DIR:-$M4GN_CACHE/solids4foam} (setup/solids4foam.sh SOURCE builds it)"
+}
+
 # header NAME [CLASS]: what an OpenFOAM file of this name begins with; a dictionary if nothing is said.
 header() { echo "FoamFile { version 2.0; format ascii; class ${2:-dictionary}; object $1; }"; }
 
@@ -288,7 +294,7 @@ plain() {
 
 # replaces LEAST WHAT: at least this share of the run's time was replaced.
 replaces() {
-    grep '^m4gn: \(the linear\|jumped\)' log.run
+    grep '^m4gn: \(the dmd\|jumped\)' log.run
     below "$1" "$(sed -n 's/^m4gn: replacedFraction = \([^ ]*\).*/\1/p' log.run)" "$2: least that is replaced"
 }
 
@@ -298,7 +304,7 @@ content() { m4gn info "$1" | grep -E '^(mesh|patch|frames|field) '; }
 # shipped_model_is_near FAMILY LIMIT: the model of a family of solids that ships, on a draw that no training has had: three quarters of
 # the first second are the surrogate's, and the error of D over its root mean square is at most LIMIT.
 shipped_model_is_near() {
-    runs m4gn hybrid --family "$1" --model "$M4GN_HOME/models/$1.safetensors" --count 1 --seed 99 --end 1 --plain none \
+    runs m4gn hybrid --family "$1" --model "$M4GN_HOME/models/$1.safetensors" --count 1 --seed 99 --end 1 --baseline none \
         --out hybrid --json hybrid.json
     figure() { sed -n "/\"runs\"/,\$s/^ *\"$1\": *\([^,]*\),*\$/\1/p" hybrid.json | head -n 1; }
     below "$(figure displacement)" "$2" "error of D with the shipped model, over its root mean square"
@@ -348,7 +354,7 @@ below() { awk "BEGIN { exit !($1 <= $2) }" || fail "$3: $1, expected at most $2"
 # make_oracle: a libm4gn.so whose surrogate is always right, in front of the real one (oracle.c).
 make_oracle() {
     mkdir -p "$work/lib"
-    cc -std=c11 -O2 -Wall -Wextra -Werror -shared -fPIC -I "$M4GN_HOME/include" -Wl,-soname,libm4gn.so \
+    cc -std=c11 -O2 -Wall -Wextra -Werror -shared -fPIC -I "$M4GN_HOME/cpp/include" -Wl,-soname,libm4gn.so \
         "$M4GN_HOME/tests/e2e/oracle.c" -o "$work/lib/libm4gn.so" -lm -ldl
     export LD_LIBRARY_PATH=$work/lib:$LD_LIBRARY_PATH ORACLE_FILE=$work/oracle.bin ORACLE_LIBRARY=$M4GN_HOME/lib/libm4gn.so
 }

@@ -36,7 +36,7 @@ fields() { # TYPE of the ends
 mesh cyclic '' ''
 fields cyclic
 
-function_object m4gnHarvest
+function_object m4gnRecorder
 runs icoFoam
 file=postProcessing/test/0/trajectory.h5
 content $file
@@ -69,11 +69,11 @@ clean_case
 : > system/functions
 mesh cyclicAMI 'transform translational; separationVector (1 0 0);' 'transform translational; separationVector (-1 0 0);'
 fields cyclicAMI
-function_object m4gnHarvest
+function_object m4gnRecorder
 refused 'is of type cyclicAMI, which m4gn does not handle' icoFoam
 mesh symmetryPlane '' ''
 fields symmetryPlane
-function_object m4gnHarvest
+function_object m4gnRecorder
 runs icoFoam
 content $file | grep -q 'left  *8 faces, symmetry' || fail "symmetry planes were not recorded as such"
 echo "coupled: passed"

@@ -4,7 +4,7 @@
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
-record='record { type m4gnHarvest; libs (m4gnFoam); fields (U p); file "trajectory.h5"; }'
+record='record { type m4gnRecorder; libs (m4gnFoam); fields (U p); file "trajectory.h5"; }'
 observe="observe { type m4gnSurrogate; libs (m4gnFoam); mode observe; model \"$small_model\"; }"
 replace="replace { type m4gnSurrogate; libs (m4gnFoam); mode replace; model \"$small_model\"; solverSteps 10; surrogateSteps 2; }"
 

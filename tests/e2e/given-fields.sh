@@ -6,10 +6,10 @@
 make_case case
 
 data=$work/case/postProcessing/test/0/trajectory.h5
-harvest() { function_object m4gnHarvest "writeControl timeStep; writeInterval 5; provenance { nu 1e-3; } fields ($1);"; }
+record() { function_object m4gnRecorder "writeControl timeStep; writeInterval 5; provenance { nu 1e-3; } fields ($1);"; }
 surrogate() { function_object m4gnSurrogate "mode replace; timeStart 0.02; solverSteps 5; surrogateSteps 2; outOfRange ignore; $1"; }
 
-harvest 'U p'
+record 'U p'
 runs icoFoam
 cp "$data" ../without.h5
 
@@ -17,7 +17,7 @@ cp "$data" ../without.h5
 check() {
     local name file
     clean_case
-    harvest "U p $1"
+    record "U p $1"
     runs icoFoam
     m4gn info "$data" | grep "^field *$1 " | grep -qF "scalar [$2]" || { m4gn info "$data"; fail "$1 is not recorded"; }
     with_input "$1" > ../given.toml

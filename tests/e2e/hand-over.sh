@@ -24,7 +24,7 @@ error_of_drag() {
 for scheme in Euler backward; do
     sed -i "/ddtSchemes/,/}/s/default .*/default $scheme;/" system/fvSchemes
     clean_case
-    function_object m4gnHarvest
+    function_object m4gnRecorder
     echo "$forces" >> system/functions
     runs icoFoam
     mv $coefficients ../full.dat
@@ -50,7 +50,7 @@ drag_of_jumps() {
              END { print n + 0, worst + 0 }'
 }
 clean_case
-function_object m4gnHarvest 'fields (U);'
+function_object m4gnRecorder 'fields (U);'
 runs icoFoam
 for pressure in '' 'projection { pressure predicted; }'; do
     clean_case

@@ -10,7 +10,7 @@ function_object m4gnSurrogate "mode observe; model \"$small_model\"; nodeTypes o
 refused 'Entry nodeTypes of .* is no dictionary' icoFoam
 function_object m4gnSurrogate "mode observe; model \"$small_model\"; segments 16;"
 refused 'Entry segments of .* is no dictionary' icoFoam
-function_object m4gnHarvest 'provenance none;'
+function_object m4gnRecorder 'provenance none;'
 refused 'Entry provenance of .* is no dictionary' icoFoam
 function_object m4gnSegments 'segments 16;'
 refused 'Entry segments of .* is no dictionary' icoFoam

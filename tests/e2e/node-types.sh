@@ -63,7 +63,7 @@ says outlet outlet 'entry nodeTypes'
 sed -i 's/^startFrom .*/startFrom startTime;/; s/^endTime .*/endTime 0.06;/' system/controlDict
 
 # A recording says it as well
-function_object m4gnHarvest
+function_object m4gnRecorder
 clean_case
 runs icoFoam
 says outlet outlet 'U inletOutlet, flow leaves'
@@ -80,7 +80,7 @@ front { type wedge; } back { type wedge; } axis { type empty; } }" > 0/U
 echo "$(header p volScalarField) dimensions [0 2 -2 0 0 0 0]; internalField uniform 0;
 boundaryField { inlet { type zeroGradient; } outlet { type fixedValue; value uniform 0; } wall { type zeroGradient; }
 front { type wedge; } back { type wedge; } axis { type empty; } }" > 0/p
-function_object m4gnHarvest
+function_object m4gnRecorder
 refused 'Patch back is of type wedge, which m4gn does not handle' icoFoam
 ! grep -q 'nodeTypes {' log.run || { cat log.run; fail "a node type is advised that does not help"; }
 echo "node-types: passed"

@@ -62,7 +62,7 @@ struct m4gn_recorder
 };
 
 int32_t m4gn_recorder_new(
-    int32_t comm, const m4gn_mesh_data* mesh, const char* options, const m4gn_recorder_field* fields, int32_t n_fields,
+    int32_t comm, const m4gn_mesh_data* mesh, const char* options, const m4gn_field_info* fields, int32_t n_fields,
     m4gn_recorder** recorder)
 {
     (void)comm;
@@ -86,13 +86,15 @@ int32_t m4gn_recorder_new(
     return r->file && fwrite(&r->header, sizeof(r->header), 1, r->file) == 1 ? M4GN_OK : M4GN_ERROR_FILE;
 }
 
-int32_t m4gn_recorder_append(m4gn_recorder* r, double time, const m4gn_field* fields, int32_t n_fields)
+int32_t m4gn_recorder_append(
+    m4gn_recorder* r, double time, const double* const* cells, const double* const* boundary)
 {
     (void)time;
-    for (int32_t i = 0; i < n_fields; ++i)
+    (void)boundary;
+    for (int32_t i = 0; i < r->header.n_fields; ++i)
     {
-        const size_t n = fields[i].components*r->header.n_cells;
-        if (fwrite(fields[i].cells, sizeof(double), n, r->file) != n)
+        const size_t n = r->header.components[i]*r->header.n_cells;
+        if (fwrite(cells[i], sizeof(double), n, r->file) != n)
         {
             return M4GN_ERROR_FILE;
         }
@@ -117,6 +119,7 @@ struct m4gn_session
     long n_frames;
     double* centres;
     double* frames;
+    int32_t array[MAX_FIELDS]; /* place of each field in the state of the ride */
 };
 
 /* No body has modes here, and no model needs any. */
@@ -305,9 +308,11 @@ static double sign_of(const double* centre, int32_t component)
     return mixed - floor(mixed) < 0.5 ? -1 : 1;
 }
 
-static int32_t step(void* data, const m4gn_field* in, int32_t n_in, const m4gn_field_out* out, int32_t n_out)
+static int32_t step(void* data, const double* const* state, double* const* next)
 {
     m4gn_session* s = data;
+    const int32_t n_fields = s->header.n_fields;
+    const int64_t n_cells = s->header.n_cells;
     const long ahead = atol(variable("ORACLE_FRAMES", "25"));
     const double error = atof(variable("ORACLE_ERROR", "0"));
     const double rough = atof(variable("ORACLE_ROUGH", "0"));
@@ -318,13 +323,13 @@ static int32_t step(void* data, const m4gn_field* in, int32_t n_in, const m4gn_f
     for (long f = 0; f < s->n_frames; ++f)
     {
         double sum = 0;
-        for (int32_t i = 0; i < n_in; ++i)
+        for (int32_t i = 0; i < n_fields; ++i)
         {
             const double* values = s->frames + f*s->frame + s->start[i];
             const double scale = s->size[i] > 0 ? 1/s->size[i] : 0;
-            for (size_t j = 0; j < in[i].components*(size_t)s->header.n_cells; ++j)
+            for (int64_t j = 0; j < s->header.components[i]*n_cells; ++j)
             {
-                const double difference = scale*(in[i].cells[j] - values[j]);
+                const double difference = scale*(state[s->array[i]][j] - values[j]);
                 sum += difference*difference;
             }
         }
@@ -340,30 +345,22 @@ static int32_t step(void* data, const m4gn_field* in, int32_t n_in, const m4gn_f
         return M4GN_ERROR_NUMERICAL;
     }
 
-    for (int32_t i = 0; i < n_out; ++i)
+    for (int32_t i = 0; i < n_fields; ++i)
     {
-        memcpy(
-            out[i].cells, s->frames + (nearest + ahead)*s->frame + s->start[i],
-            out[i].components*s->header.n_cells*sizeof(double));
-    }
-    if (out[0].components == 3)
-    {
-        for (int64_t c = 0; c < s->header.n_cells; ++c)
+        const int32_t n = s->header.components[i];
+        double* values = next[s->array[i]];
+        memcpy(values, s->frames + (nearest + ahead)*s->frame + s->start[i], n*n_cells*sizeof(double));
+        for (int64_t c = 0; c < n_cells; ++c)
         {
-            const double x = s->centres[3*c];
-            const double y = s->centres[3*c + 1];
-            out[0].cells[3*c] += error*sin(15.7*x)*sin(15.3*y);
-            out[0].cells[3*c + 1] += error*cos(20.9*x)*sin(15.3*y);
-        }
-    }
-    for (int32_t i = 0; rough > 0 && i < n_out; ++i)
-    {
-        const int32_t n = out[i].components;
-        for (int64_t c = 0; c < s->header.n_cells; ++c)
-        {
-            for (int32_t k = 0; k < n && k < 2; ++k)
+            const double* centre = s->centres + 3*c;
+            if (i == 0 && n == 3)
             {
-                out[i].cells[n*c + k] += rough*s->size[i]*sign_of(s->centres + 3*c, k);
+                values[3*c] += error*sin(15.7*centre[0])*sin(15.3*centre[1]);
+                values[3*c + 1] += error*cos(20.9*centre[0])*sin(15.3*centre[1]);
+            }
+            for (int32_t k = 0; rough > 0 && k < n && k < 2; ++k)
+            {
+                values[n*c + k] += rough*s->size[i]*sign_of(centre, k);
             }
         }
     }
@@ -395,45 +392,60 @@ static void* real(const char* name)
     }
 
 int32_t m4gn_ride_new(
-    int32_t comm, const m4gn_ride_surrogates* surrogates, const m4gn_mesh_data* mesh, const char* options,
-    const m4gn_ride_step* start, m4gn_ride** ride)
+    int32_t comm, const m4gn_host* host, const char* options, const m4gn_ride_step* start, m4gn_ride** ride)
 {
-    m4gn_session* s = surrogates->session;
+    m4gn_session* s = host->session;
     const char* names[MAX_FIELDS];
-    for (int32_t i = 0; i < s->header.n_fields; ++i) names[i] = s->header.name[i];
-    const m4gn_surrogate own = {
-        "oracle", m4gn_session_stride(s), s->header.n_fields, names, s->header.components, step, s};
-    const m4gn_ride_surrogates found = {NULL, &own, surrogates->arrays, surrogates->n_arrays};
-    int32_t (*begin)(
-        int32_t, const m4gn_ride_surrogates*, const m4gn_mesh_data*, const char*, const m4gn_ride_step*, m4gn_ride**) =
-        (int32_t(*)(int32_t, const m4gn_ride_surrogates*, const m4gn_mesh_data*, const char*, const m4gn_ride_step*,
-            m4gn_ride**))real("m4gn_ride_new");
+    for (int32_t i = 0; i < s->header.n_fields; ++i)
+    {
+        names[i] = s->header.name[i];
+        s->array[i] = -1;
+        for (int32_t j = 0; j < host->n_arrays; ++j)
+        {
+            const m4gn_array* array = &host->arrays[j];
+            if (array->place <= M4GN_POINTS && !strcmp(array->name, names[i])) s->array[i] = j;
+        }
+        if (s->array[i] < 0)
+        {
+            message = "a field of the recording is not in the state";
+            return M4GN_ERROR_INPUT;
+        }
+    }
+    const m4gn_surrogate own = {"oracle", m4gn_session_stride(s), s->header.n_fields, names, step, s};
+    m4gn_host found = *host;
+    found.session = NULL;
+    found.own = &own;
+    int32_t (*begin)(int32_t, const m4gn_host*, const char*, const m4gn_ride_step*, m4gn_ride**) =
+        (int32_t(*)(int32_t, const m4gn_host*, const char*, const m4gn_ride_step*, m4gn_ride**))real("m4gn_ride_new");
     (void)comm;
-    const int32_t status = begin(s->comm, &found, mesh, options, start, ride);
+    const int32_t status = begin(s->comm, &found, options, start, ride);
     if (status != M4GN_OK) message = ((const char* (*)(void))real("m4gn_last_error"))();
     return status;
 }
 
 void m4gn_ride_free(m4gn_ride* ride) { ((void (*)(m4gn_ride*))real("m4gn_ride_free"))(ride); }
-FORWARD(m4gn_ride_solved, (m4gn_ride * ride, const m4gn_ride_step* now, m4gn_ride_answer* answer), (ride, now, answer))
-FORWARD(m4gn_ride_decide,
-    (m4gn_ride * ride, const m4gn_field* fields, const int32_t* const* held, int32_t n, m4gn_ride_answer* answer),
-    (ride, fields, held, n, answer))
-FORWARD(m4gn_ride_stride,
-    (m4gn_ride * ride, const m4gn_field* fields, int32_t n, const m4gn_field_out* out, int32_t n_out, m4gn_ride_answer* answer),
-    (ride, fields, n, out, n_out, answer))
-FORWARD(m4gn_ride_advanced, (m4gn_ride * ride, const m4gn_ride_step* now, m4gn_ride_answer* answer), (ride, now, answer))
+FORWARD(m4gn_ride_wants, (const m4gn_ride* ride, const m4gn_ride_step* now, int32_t* wants), (ride, now, wants))
+FORWARD(m4gn_ride_solved,
+    (m4gn_ride * ride, const m4gn_ride_step* now, const double* const* state, m4gn_ride_answer* answer),
+    (ride, now, state, answer))
+FORWARD(m4gn_ride_stride, (m4gn_ride * ride, double* const* next, m4gn_ride_answer* answer), (ride, next, answer))
+FORWARD(m4gn_ride_advanced,
+    (m4gn_ride * ride, const m4gn_ride_step* now, const double* const* state, m4gn_ride_answer* answer),
+    (ride, now, state, answer))
+FORWARD(m4gn_ride_old_level, (const m4gn_ride* ride, double before, double* const* arrays), (ride, before, arrays))
+FORWARD(m4gn_ride_reported, (m4gn_ride * ride, const double* values, int32_t n_values), (ride, values, n_values))
 FORWARD(m4gn_ride_spent, (m4gn_ride * ride, double surrogate, double hand_over), (ride, surrogate, hand_over))
 FORWARD(m4gn_ride_handed_back,
-    (m4gn_ride * ride, const m4gn_ride_step* now, const m4gn_ride_quantity* quantities, int32_t n_quantities,
-        const m4gn_field* fields, int32_t n, m4gn_ride_answer* answer),
-    (ride, now, quantities, n_quantities, fields, n, answer))
+    (m4gn_ride * ride, const m4gn_ride_step* now, const double* const* state, const m4gn_ride_quantity* quantities,
+        int32_t n_quantities, m4gn_ride_answer* answer),
+    (ride, now, state, quantities, n_quantities, answer))
 FORWARD(m4gn_ride_save, (m4gn_ride * ride, const char* path), (ride, path))
-FORWARD(m4gn_ride_load, (m4gn_ride * ride, const char* path, const m4gn_ride_step* now, m4gn_ride_answer* answer),
-    (ride, path, now, answer))
+FORWARD(m4gn_ride_load,
+    (m4gn_ride * ride, const char* path, const m4gn_ride_step* now, const double* const* state, m4gn_ride_answer* answer),
+    (ride, path, now, state, answer))
 FORWARD(m4gn_ride_host, (const char* path, char* text, int32_t size), (path, text, size))
-FORWARD(m4gn_ride_difference, (const m4gn_ride* ride, int32_t surrogate, int32_t index, double* cells),
-    (ride, surrogate, index, cells))
+FORWARD(m4gn_ride_difference, (const m4gn_ride* ride, int32_t surrogate, int32_t array, double* values),
+    (ride, surrogate, array, values))
 
 const char* m4gn_ride_text(m4gn_ride* ride, int32_t kind)
 {

@@ -26,10 +26,10 @@ foam=$("$M4GN_HOME/setup/openfoam.sh" --export)
 eval "$foam"
 # shellcheck disable=SC2012  # the newest
 bridge=$(ls -td "$M4GN_HOME"/target/release/build/m4gn-foam-bridge-*/out/cxxbridge/include | head -n 1)
-printf '#include "%s"\n' "$M4GN_HOME"/openfoam/bridge/*.C > bridge.C
+printf '#include "%s"\n' "$M4GN_HOME"/cpp/bridge/*.C > bridge.C
 # shellcheck disable=SC2046,SC2086  # one word each
 runs c++ -std=c++"$M4GN_FOAM_CXXSTD" -fsyntax-only -Wall $(printf -- '-D%s ' $M4GN_FOAM_DEFINES) -isystem "$bridge" \
-    -I"$M4GN_HOME/openfoam/bridge" -I"$M4GN_HOME/openfoam/adapter" -I"$M4GN_HOME/include" \
+    -I"$M4GN_HOME/cpp/bridge" -I"$M4GN_HOME/openfoam/case" -I"$M4GN_HOME/cpp/include" \
     $(sed 's/^/-isystem /; s/:/ -isystem /g' <<< "$M4GN_FOAM_INCLUDES") bridge.C
 echo "other-openfoam: $(wc -l <<< "$objects") files and the bridge compile with OpenFOAM $(sed -n 's/^api=//p' foam/META-INFO/api-info)"
 echo "other-openfoam: passed"

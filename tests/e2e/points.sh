@@ -36,7 +36,7 @@ EOD
 done
 
 file=postProcessing/test/0/trajectory.h5
-function_object m4gnHarvest 'fields (pointD); location points;'
+function_object m4gnRecorder 'fields (pointD); location points;'
 eigenvalues() { m4gn segment "$1" --method slic-md --segments 6 --modes 8 --json "$2" > log.segment; }
 numbers() { sed -n '/"eigenvalues"/,/]/p' "$1" | grep -E '^ *[0-9]'; }
 runs postProcess -time '1:'
@@ -64,9 +64,9 @@ for method in 'simple; coeffs { n (3 1 1); }' 'manual; coeffs { dataFile "cells"
         1e-10 "eigenvalues, $ranks ranks (${method%%;*})"
 done
 
-function_object m4gnHarvest 'fields (pointD); location nodes;'
+function_object m4gnRecorder 'fields (pointD); location nodes;'
 refused 'expected cells or points' postProcess -time '1:'
 rm -r processor* postProcessing
-function_object m4gnHarvest 'fields (D); location points;'
+function_object m4gnRecorder 'fields (D); location points;'
 refused 'nor stored at time 1 as a pointScalarField or pointVectorField' postProcess -time '1:'
 echo "points: passed"

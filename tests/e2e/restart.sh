@@ -168,8 +168,8 @@ runs icoFoam
 whole [0-9]*
 killed 30 0.4 . icoFoam
 # A fit, and its states in a file of their own that grows
-function_object m4gnSurrogate 'mode replace; surrogates (linear); timeStart 0.5; control { tolerance 1000; relTol 1000; }
-    linear { interval 0.01; window 30; least 24; longest 15; tolerance 0.5; enough 0.5; }'
+function_object m4gnSurrogate 'mode replace; surrogates (dmd); timeStart 0.5; control { tolerance 1000; relTol 1000; }
+    dmd { snapshotInterval 0.01; window 30; minSnapshots 24; maxJump 15; jumpTolerance 0.5; fitTolerance 0.5; }'
 for ranks in 1 2 3; do
     clean_case
     sed -i 's/^startTime .*/startTime 0;/' system/controlDict
@@ -182,7 +182,7 @@ for ranks in 1 2 3; do
     # shellcheck disable=SC2086  # several words
     runs $run
     steps=$(entry surrogate_steps 0)
-    [ "$steps" -ge 20 ] || fail "the linear surrogate took $steps strides only"
+    [ "$steps" -ge 20 ] || fail "the dmd surrogate took $steps strides only"
     # shellcheck disable=SC2046,SC2086
     whole $([ $ranks -eq 1 ] && echo [0-9]* || echo $folders)
     # shellcheck disable=SC2086

@@ -16,7 +16,7 @@ full() {
     clean_case
     sed -i "s/compactNormalStress.*;/compactNormalStress $1; nCorrectors 500; D $2;/; " system/fvSolution
     sed -i 's/^startTime .*/startTime 0;/' system/controlDict
-    function_object m4gnHarvest 'fields (D ddt(D)); writeControl timeStep; writeInterval 1;'
+    function_object m4gnRecorder 'fields (D ddt(D)); writeControl timeStep; writeInterval 1;'
     echo "$others" >> system/functions
     runs solidDisplacementFoam
     rm -rf ../full && mkdir ../full && mv 0.* ../full
@@ -96,7 +96,7 @@ rm -rf ../serial && mkdir ../serial && cp -r 0.2 0.255 ../serial
 # The same on two ranks, up to the tolerance of the solver: as far off as the recordings, of which the oracle's ranks have their own
 surrogate 'smoothing { length 2; }'
 mv system/functions ../functions
-function_object m4gnHarvest 'fields (D ddt(D)); writeControl timeStep; writeInterval 1;'
+function_object m4gnRecorder 'fields (D ddt(D)); writeControl timeStep; writeInterval 1;'
 runs decomposePar -force -time 0.1
 mkdir ../start && cp -r processor0 processor1 ../start
 runs mpirun -np 2 solidDisplacementFoam -parallel

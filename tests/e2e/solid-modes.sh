@@ -41,7 +41,7 @@ runs postProcess -func m4gnSegments -time 0
 rm 0/m4gnMode* system/m4gnSegments && clean_case
 
 # A recording has the modes with it, whatever the number of ranks
-function_object m4gnHarvest 'fields (D ddt(D)); modes 5;'
+function_object m4gnRecorder 'fields (D ddt(D)); modes 5;'
 runs solidDisplacementFoam
 mv postProcessing/test/0/trajectory.h5 ../serial.h5 && clean_case
 cp "$M4GN_HOME/openfoam/tutorials/cylinder/system/decomposeParDict" system

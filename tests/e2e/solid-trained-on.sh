@@ -9,8 +9,8 @@ properties=constant/mechanicalProperties
 cp $properties ../properties
 cp 0/D ../D
 
-# What the harvest writes of the case goes through the training into the model.
-function_object m4gnHarvest 'fields (D ddt(D)); file "../data/a.h5"; writeControl timeStep; writeInterval 5; provenance { split train; }'
+# What m4gnRecorder writes of the case goes through the training into the model.
+function_object m4gnRecorder 'fields (D ddt(D)); file "../data/a.h5"; writeControl timeStep; writeInterval 5; provenance { split train; }'
 mkdir ../data
 runs solidDisplacementFoam
 m4gn info ../data/a.h5 > log.run

@@ -11,7 +11,7 @@ export ORACLE_STRIDE=0.025 ORACLE_FRAMES=5
 while read -r compact tolerance limit; do
     sed -i "s/compactNormalStress.*;/compactNormalStress $compact; nCorrectors 500; D $tolerance;/" system/fvSolution
     clean_case
-    function_object m4gnHarvest 'fields (D ddt(D)); writeControl timeStep; writeInterval 1;'
+    function_object m4gnRecorder 'fields (D ddt(D)); writeControl timeStep; writeInterval 1;'
     runs solidDisplacementFoam
     rm -rf ../full && mkdir ../full && mv 0.* ../full
 
@@ -31,7 +31,7 @@ no 2e-5 1e-3
 EOD
 
 # Without its rate, D is half of the state
-function_object m4gnHarvest 'fields (D); writeControl timeStep; writeInterval 1;'
+function_object m4gnRecorder 'fields (D); writeControl timeStep; writeInterval 1;'
 runs solidDisplacementFoam
 function_object m4gnSurrogate 'mode replace; model any; timeStart 0.1; solverSteps 10; surrogateSteps 2;'
 refused 'carries on from D, ddt(D)' solidDisplacementFoam

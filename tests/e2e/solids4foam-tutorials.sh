@@ -1,16 +1,13 @@
 #!/usr/bin/env bash
 # solids4foam's own tutorials, of different models and laws: the function objects leave the solver's files as they were to the byte,
 # mode replace goes on from recorded states or is refused in the first time step, by name, and m4gnAnderson comes to the same
-# answer or is refused. Needs solids4foam:
-#   SOLIDS4FOAM_INST_DIR   as tests/e2e/solids4foam.sh
+# answer or is refused. Needs solids4foam as tests/e2e/solids4foam.sh does, and
 #   SOLIDS4FOAM_DIR        its source, with tutorials/solids and applications/scripts
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
-if [ -z "${SOLIDS4FOAM_INST_DIR:-}" ]; then skip "SOLIDS4FOAM_INST_DIR is not set"; fi
-tutorials=${SOLIDS4FOAM_DIR:-}/tutorials/solids
-if [ ! -d "$tutorials" ]; then skip "SOLIDS4FOAM_DIR has no tutorials/solids"; fi
-export PATH=$SOLIDS4FOAM_INST_DIR:$SOLIDS4FOAM_INST_DIR/bin:$PATH
-export LD_LIBRARY_PATH=$SOLIDS4FOAM_INST_DIR:$SOLIDS4FOAM_INST_DIR/lib:$LD_LIBRARY_PATH
+needs_solids4foam
+tutorials=$SOLIDS4FOAM_DIR/tutorials/solids
+if [ ! -d "$tutorials" ]; then skip "SOLIDS4FOAM_DIR ($SOLIDS4FOAM_DIR) has no tutorials/solids"; fi
 real=$LD_LIBRARY_PATH
 make_oracle
 oracle=$LD_LIBRARY_PATH
@@ -56,7 +53,7 @@ while read -r tutorial steps ahead limit text; do
 
     # Recorded, with segments
     clean_case
-    echo "record { type m4gnHarvest; libs (m4gnFoam); fields (D); writeControl timeStep; writeInterval 1; }
+    echo "record { type m4gnRecorder; libs (m4gnFoam); fields (D); writeControl timeStep; writeInterval 1; }
         parts { type m4gnSegments; libs (m4gnFoam); segments { count 4; } }" > system/functions
     runs solids4Foam
     same ../plain
@@ -79,7 +76,7 @@ while read -r tutorial steps ahead limit text; do
     export LD_LIBRARY_PATH=$oracle
     ORACLE_STRIDE=$(awk "BEGIN { print 2*$step }")
     export ORACLE_STRIDE ORACLE_FRAMES=2
-    function_object m4gnHarvest 'fields (D); writeControl timeStep; writeInterval 1;'
+    function_object m4gnRecorder 'fields (D); writeControl timeStep; writeInterval 1;'
     runs solids4Foam
     clean_case
     : > any

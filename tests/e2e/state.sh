@@ -33,7 +33,7 @@ grep -q 'maxDivAfter' log.run || { cat log.run; fail "the flow state was not tak
 
 # A mesh that another function object moves: said with the name of the function object that cannot follow
 move="move { type moveMesh; libs (\"$work/build/libbareFlow.so\"); executeControl timeStep; executeInterval 3; }"
-for object in "m4gnSurrogate; mode observe; model \"$small_model\"" m4gnHarvest; do
+for object in "m4gnSurrogate; mode observe; model \"$small_model\"" m4gnRecorder; do
     clean_case
     echo "watch { libs (m4gnFoam); type $object; } $move" > system/functions
     refused "Function object watch of type ${object%%;*}: the mesh has moved" icoFoam

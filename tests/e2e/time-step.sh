@@ -5,7 +5,7 @@
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
 
-function_object m4gnHarvest 'fields (U p deltaT); writeControl timeStep; writeInterval 5;'
+function_object m4gnRecorder 'fields (U p deltaT); writeControl timeStep; writeInterval 5;'
 runs icoFoam
 data=$work/case/postProcessing/test/0/trajectory.h5
 m4gn info "$data" | grep -q 'deltaT  *scalar \[0 0 1 0 0 0 0\], last frame 0.002000 to 0.002000' || { m4gn info "$data"; fail "deltaT is not recorded"; }

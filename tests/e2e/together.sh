@@ -20,10 +20,10 @@ runs icoFoam
 
 # Recording it
 clean_case
-{ object first m4gnSurrogate "$replace"; object second m4gnHarvest ''; } > system/functions
+{ object first m4gnSurrogate "$replace"; object second m4gnRecorder ''; } > system/functions
 refused "Function object second would record states of the surrogate first as if they were the solver's" icoFoam
 [ -z "$(find . -name 'trajectory*')" ] || fail "a refused recording left a file"
-{ object first m4gnSurrogate "$replace"; object second m4gnHarvest 'hybrid yes;'; } > system/functions
+{ object first m4gnSurrogate "$replace"; object second m4gnRecorder 'hybrid yes;'; } > system/functions
 clean_case
 runs icoFoam
 m4gn info postProcessing/second/0/trajectory.h5 > ../info
@@ -42,12 +42,12 @@ stretches() {
     done
 }
 record='hybrid stretches;'
-{ object first m4gnSurrogate "$replace"; object second m4gnHarvest "$record"; } > system/functions
+{ object first m4gnSurrogate "$replace"; object second m4gnRecorder "$record"; } > system/functions
 clean_case
 runs icoFoam
 stretches 0.002 10 0.04 11
 cp postProcessing/second/0/trajectory-0.04.h5 ../behind.h5
-{ object second m4gnHarvest "$record"; object first m4gnSurrogate "$replace"; } > system/functions
+{ object second m4gnRecorder "$record"; object first m4gnSurrogate "$replace"; } > system/functions
 clean_case
 runs icoFoam
 stretches 0.002 10 0.04 11
@@ -56,16 +56,16 @@ diff <(content ../behind.h5) <(content postProcessing/second/0/trajectory-0.04.h
 clean_case
 on_two_ranks icoFoam
 stretches 0.002 10 0.04 11
-{ object second m4gnHarvest "$record"; object first m4gnSurrogate "$replace executeOthers no;"; } > system/functions
+{ object second m4gnRecorder "$record"; object first m4gnSurrogate "$replace executeOthers no;"; } > system/functions
 clean_case
 runs icoFoam
 stretches 0.002 10 0.042 10
-{ object first m4gnSurrogate "$replace"; object second m4gnHarvest "$record writeControl timeStep; writeInterval 10;"; } > system/functions
+{ object first m4gnSurrogate "$replace"; object second m4gnRecorder "$record writeControl timeStep; writeInterval 10;"; } > system/functions
 clean_case
 runs icoFoam
 stretches 0.04 2
 
-{ object first m4gnSurrogate "$replace"; object second m4gnHarvest 'timeEnd 0.02;'; } > system/functions
+{ object first m4gnSurrogate "$replace"; object second m4gnRecorder 'timeEnd 0.02;'; } > system/functions
 clean_case
 runs icoFoam
 [ -f postProcessing/second/0/trajectory.h5 ] || fail "the time before was not recorded"

@@ -4,7 +4,7 @@ use crate::damaged::{at, host, n_cells, not_internal, settings_as_text, shorter,
 use crate::fuzzing::{Random, fuzz};
 use crate::host::*;
 use crate::{place, read_all, root};
-use m4gn_mesh::parallel::NO_MPI;
+use m4gn_parallel::NO_MPI;
 use m4gn_samples::mesh as sample;
 use m4gn_samples::points::{Flat, Kind, block, rectangle};
 use serde_json::json;
@@ -20,7 +20,7 @@ fn session_arguments() {
         let mut o = json!({ "segments": {} });
         let mut cell_segment = null();
         let s = &mut o["segments"];
-        match r.below(15) {
+        match r.below(14) {
             0 => s["count"] = r.integer().into(),
             1 => s["modes"] = r.integer().into(),
             2 => s["overlap"] = r.integer().into(),
@@ -34,7 +34,6 @@ fn session_arguments() {
             10 => s["obstacles"] = json!([r.pick(&["wall", "a,b", "", "left"])]),
             11 => o["precision"] = (*r.pick(&["bf16", "fp64"])).into(),
             12 => o["n_threads"] = (r.integer() % 5).into(),
-            13 => o["projection"] = json!({ "radius": r.real(), "sweeps": r.integer() }),
             _ => s["modal_solver"] = (*r.pick(&["direct", "iterative", "fast"])).into(),
         }
         let o = settings_as_text(&o, r);
@@ -42,15 +41,18 @@ fn session_arguments() {
         // SAFETY: arrays at least of the lengths that the counts say.
         unsafe {
             if m4gn_session_new(NO_MPI, &h.data, model, o.as_ptr(), cell_segment, &mut session) == 0 {
-                let (n, b) = (h.data.n_cells as usize, h.data.n_boundary as usize);
                 let value = if r.below(2) == 0 { 0.5 } else { r.real() };
-                let (cells, faces) = (vec![value; 3 * n], vec![value; 3 * b]);
-                let mut out = vec![0.0; 4 * n];
-                let (u_out, p_out) = out.split_at_mut(3 * n);
-                let fields = [field(c"U", 3, &cells, &faces), field(c"p", 1, &cells, &faces)];
-                let outputs = [output(c"U", 3, u_out), output(c"p", 1, p_out)];
-                if m4gn_session_step(session, fields.as_ptr(), 2, outputs.as_ptr(), 2) == 0 {
-                    assert!(out.iter().all(|v| v.is_finite()), "a step gave what is not finite");
+                let (given, mut next) = (Flow::of(&h, value), Flow::of(&h, 0.0));
+                let (mut cells, mut faces, mut places) = (given.cells(), given.boundary(), next.next());
+                match r.below(8) {
+                    0 => *at(&mut cells, r) = null(),
+                    1 => *at(&mut faces, r) = null(),
+                    2 => *at(&mut places, r) = none(),
+                    _ => (),
+                }
+                if m4gn_session_step(session, cells.as_ptr(), faces.as_ptr(), places.as_ptr()) == 0 {
+                    let mut all = next.u.iter().chain(&next.p);
+                    assert!(all.all(|v| v.is_finite()), "a step gave what is not finite");
                 }
             }
             not_internal();
@@ -303,10 +305,12 @@ fn recorder_arguments() {
     let (_folder, path) = place("recorded.h5");
     fuzz("recorder", |r| {
         let h = host(r);
-        let declared = |name: *const std::ffi::c_char, components| RecorderField {
+        let declared = |name: *const std::ffi::c_char, components| FieldInfo {
             name,
             components,
             dimensions: [0, 1, -1, 0, 0, 0, 0],
+            is_input: 0,
+            is_output: 0,
         };
         let odd = word(r, &[c"a/b", c"", c".", c"..", c"\xff", c"times", c"p"]);
         let fields =
@@ -330,16 +334,15 @@ fn recorder_arguments() {
                 == 0
             {
                 let (n, b) = (h.data.n_cells as usize, h.data.n_boundary as usize);
-                let (cells, faces) = (vec![0.5; 3 * n], vec![0.5; 3 * b]);
-                let fields = fields.map(|f| FieldData {
-                    name: f.name,
-                    components: f.components,
-                    cells: cells.as_ptr(),
-                    boundary: faces.as_ptr(),
-                });
+                let value = if r.below(4) == 0 { r.real() } else { 0.5 };
+                let values = (vec![value; 3 * n], vec![value; 3 * b]);
+                let (mut cells, faces) = ([values.0.as_ptr(); 2], [values.1.as_ptr(); 2]);
+                if r.below(8) == 0 {
+                    *at(&mut cells, r) = null();
+                }
                 for _ in 0..2 {
                     let time = if r.below(2) == 0 { 0.5 } else { r.real() };
-                    m4gn_recorder_append(recorder, time, fields.as_ptr(), 2);
+                    m4gn_recorder_append(recorder, time, cells.as_ptr(), faces.as_ptr());
                 }
                 if m4gn_recorder_finish(recorder) == 0 {
                     read_all(&path);

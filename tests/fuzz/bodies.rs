@@ -1,11 +1,11 @@
 //! What a host hands to sessions of bodies at points.
 
-use crate::damaged::{at, body_host, not_internal, settings_as_text, shorter, size};
+use crate::damaged::{at, body_host, not_internal, settings_as_text, size};
 use crate::fuzzing::{Random, fuzz};
 use crate::host::*;
 use crate::place;
 use m4gn_mesh::body::Obstacle;
-use m4gn_mesh::parallel::NO_MPI;
+use m4gn_parallel::NO_MPI;
 use m4gn_samples::mesh as sample;
 use serde_json::json;
 use std::ptr::null;
@@ -19,15 +19,6 @@ fn displacement(n: usize, r: &mut Random) -> Vec<f64> {
     values
 }
 
-/// A count that is right, now and then another one that its arrays have.
-fn counted(n: usize, r: &mut Random) -> i32 {
-    let mut n = n as i32;
-    if r.below(8) == 0 {
-        shorter(&mut n, r);
-    }
-    n
-}
-
 #[test]
 fn bodies_at_points() {
     let (_folder, path) = place("body.safetensors");
@@ -37,15 +28,10 @@ fn bodies_at_points() {
         let h = body_host(r);
         let mut o = json!({});
         // Mostly what makes a session, so that there is one to be given the rest.
-        match r.below(20) {
-            0 => o["projection"] = json!({ "radius": r.real() }),
-            1 => o["projection"] = json!({ "sweeps": r.integer() }),
-            2 => o["projection"] = json!({ "clearance": r.real(), "tolerance": r.real() }),
-            3 => o["segments"] = json!({ "count": r.integer() }),
-            4 => o["segments"] = json!({ "size": r.real() }),
-            5 => o["backend"] = "torch".into(),
-            6..10 => o["projection"] = json!({ "self_contact": true }),
-            10..14 => o["projection"] = json!({}),
+        match r.below(8) {
+            0 => o["segments"] = json!({ "count": r.integer() }),
+            1 => o["segments"] = json!({ "size": r.real() }),
+            2 => o["backend"] = "torch".into(),
             _ => (),
         }
         let o = settings_as_text(&o, r);
@@ -66,27 +52,17 @@ fn bodies_at_points() {
     unsafe { m4gn_model_free(model) };
 }
 
-/// A step with all that is said before it.
+/// A step from somewhere, under an obstacle that moves anywhere.
 ///
 /// # Safety
 /// `session` must be one of a body of `n` points under an obstacle of so many.
 unsafe fn step(session: Session, n: usize, n_obstacle: usize, r: &mut Random) {
-    let (now, after) = (displacement(n_obstacle, r), displacement(n_obstacle, r));
-    let (before, there) = (displacement(n, r), displacement(n_obstacle, r));
+    let motion = [displacement(n_obstacle, r), displacement(n_obstacle, r)].concat();
     let start = displacement(n, r);
     let mut end = start.clone();
-    let (field, out) = (field(c"D", 3, &start, &[]), output(c"D", 3, &mut end));
-    // SAFETY: arrays at least of the lengths that the counts say.
-    let stepped = unsafe {
-        if r.below(8) > 0 {
-            m4gn_session_set_obstacle(session, now.as_ptr(), after.as_ptr(), counted(n_obstacle, r));
-        }
-        if r.below(2) == 0 {
-            let (n, q) = (counted(n, r), counted(n_obstacle, r));
-            m4gn_session_set_before(session, before.as_ptr(), n, there.as_ptr(), q);
-        }
-        m4gn_session_step(session, &field, 1, &out, 1)
-    };
+    let motion = if r.below(8) > 0 { motion.as_ptr() } else { null() };
+    // SAFETY: arrays of the lengths that the counts say.
+    let stepped = unsafe { m4gn_session_step(session, &start.as_ptr(), &motion, &end.as_mut_ptr()) };
     let good = match stepped {
         0 => end.iter().all(|v| v.is_finite()),
         _ => end.iter().zip(&start).all(|(a, b)| a.to_bits() == b.to_bits()),

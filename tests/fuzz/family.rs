@@ -116,7 +116,8 @@ fn study() {
     let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
     let read = |name: &str| std::fs::read(configs.join(name)).unwrap();
     let good = [read("study/cylinder-flow.toml"), read("study/switches.toml"), read("study/solids.toml")];
-    let shared = ["kind-m4gn.toml", "deforming-bodies.toml"].map(|name| (name, read(name)));
+    let shared =
+        ["kind-m4gn.toml", "cylinder-flow.toml", "deforming-bodies.toml"].map(|name| (name, read(name)));
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path().join("study");
     std::fs::create_dir(&folder).unwrap();

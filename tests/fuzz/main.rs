@@ -12,8 +12,8 @@ mod ride;
 
 use fuzzing::{Random, fuzz};
 use m4gn_data::{FieldMeta, FieldValues, Recorder, Split, Trajectory, WriteOptions};
-use m4gn_mesh::parallel::Comm;
 use m4gn_model::Model;
+use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use m4gn_step::{Session, SessionOptions};
 use std::path::{Path, PathBuf};

@@ -1,33 +1,75 @@
 //! A hybrid run: states as they are read, settings, and what a controller is told.
 
+use crate::damaged::{at, not_internal, word};
 use crate::fuzzing::{Random, fuzz};
 use crate::host::*;
 use crate::{damage_header, place, root};
-use m4gn_mesh::parallel::NO_MPI;
+use m4gn_parallel::NO_MPI;
+use m4gn_ride::Growth;
 use m4gn_ride::control::{Control, ControlSettings, StrideError};
 use m4gn_samples::mesh as sample;
 use serde_json::{Value, json};
-use std::ffi::CString;
+use std::ffi::{CString, c_void};
 use std::ptr::null;
 
 /// The solver's time step, s; five are a stride.
 const DT: f64 = 0.002;
 
+/// Index of the array that the host prescribes.
+const INLET: usize = 4;
+
+/// What the prescribed array is, and whether the host knows it.
+struct Prescribed {
+    time: f64,
+    n_arrays: usize,
+    status: i32,
+}
+
+/// The value of a state.
+fn wave(time: f64) -> f64 {
+    (100.0 * time).sin()
+}
+
+extern "C" fn ahead(data: *mut c_void, later: f64, arrays: *const *mut f64) -> i32 {
+    // SAFETY: what the host of a ride below gives, and room for the prescribed array.
+    unsafe {
+        let prescribed = &*data.cast::<Prescribed>();
+        if prescribed.n_arrays > INLET && !(*arrays.add(INLET)).is_null() {
+            **arrays.add(INLET) = wave(prescribed.time + later);
+        }
+        prescribed.status
+    }
+}
+
 /// A host whose fields are one number.
 struct Run<'a> {
     host: &'a Host,
+    prescribed: Box<Prescribed>,
     ride: *mut RideHandle,
     index: i64,
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
+    /// A ride of a session, or of a fit where that is null, with this state.
+    fn begin(host: &'a Host, session: Session, arrays: &[ArrayData], settings: &Value) -> (i32, Run<'a>) {
+        let prescribed = Box::new(Prescribed { time: 0.0, n_arrays: arrays.len(), status: 0 });
+        let mut run = Run { host, prescribed, ride: none(), index: 0 };
+        let settings = options(settings);
+        let mut given = ride_host(session, host, arrays);
+        given.ahead = Some(ahead);
+        given.data = (&raw mut *run.prescribed).cast();
+        // SAFETY: null, or a session on this mesh; arrays of these lengths.
+        let made = unsafe { m4gn_ride_new(NO_MPI, &given, settings.as_ptr(), &run.now(), &mut run.ride) };
+        (made, run)
+    }
+
     fn now(&self) -> RideStep {
         RideStep {
             time: DT * self.index as f64,
             delta_t: DT,
             end_time: f64::INFINITY,
             shown: 0.0,
-            wall: 0.0,
+
             index: self.index,
             name: null(),
             correctors: -1,
@@ -35,42 +77,116 @@ impl Run<'_> {
         }
     }
 
+    /// Goes on with a state that is all of one value, or part of one.
+    fn load(&mut self, path: &CString, r: &mut Random) -> RideAnswer {
+        let values = self.values(r);
+        let mut answer = RideAnswer::default();
+        // SAFETY: a ride of ours, a text, and arrays of the lengths that were described.
+        unsafe {
+            m4gn_ride_load(self.ride, path.as_ptr(), &self.now(), values.state().as_ptr(), &mut answer);
+        }
+        answer
+    }
+
+    fn values(&self, r: &mut Random) -> State {
+        let value = if r.below(40) == 0 { r.real() } else { wave(DT * self.index as f64) };
+        State { flow: Flow::of(self.host, value), inlet: wave(DT * self.index as f64) }
+    }
+
     /// So many steps of the solver, and what the ride says between them, until it refuses something.
     fn go_on(&mut self, steps: usize, mut answer: RideAnswer, r: &mut Random) {
-        let mesh = &self.host.mesh;
         let mut solved = 0;
         for _ in 0..10 * steps {
-            let value = if r.below(40) == 0 { r.real() } else { 0.1 * self.index as f64 };
-            let cells = vec![value; 3 * mesh.n_cells()];
-            let (mut u, mut p) = (cells.clone(), cells.clone());
-            let faces = vec![value; 3 * mesh.boundary.len()];
-            let fields = [field(c"U", 3, &cells, &faces), field(c"p", 1, &cells, &faces)];
-            let out = [output(c"U", 3, &mut u), output(c"p", 1, &mut p)];
-            let now = self.now();
-            // SAFETY: a ride on this mesh, arrays of the lengths that mesh and components say.
+            match answer.action {
+                0 if solved == steps => return,
+                0 => (solved, self.index) = (solved + 1, self.index + 1),
+                2 => self.index += answer.solver_steps,
+                _ => {}
+            }
+            self.prescribed.time = DT * self.index as f64;
+            let (values, now) = (self.values(r), self.now());
+            let mut state = values.state();
+            if r.below(40) == 0 {
+                *at(&mut state, r) = null();
+            }
+            let state = state.as_ptr();
+            let mut next = Flow::of(self.host, 0.0);
+            let mut faces = next.faces.clone();
+            let [u, p] = next.next();
+            let mut places = [u, p, next.faces.as_mut_ptr(), faces.as_mut_ptr(), none()];
+            if r.below(40) == 0 {
+                *at(&mut places, r) = none();
+            }
+            // SAFETY: a ride on this mesh, arrays of the lengths that were described, or null.
             let status = unsafe {
                 match answer.action {
                     0 => {
-                        solved += 1;
-                        if solved > steps {
-                            return;
-                        }
-                        self.index += 1;
-                        m4gn_ride_solved(self.ride, &self.now(), &mut answer)
+                        let mut wants = -1;
+                        assert_eq!(m4gn_ride_wants(self.ride, &now, &mut wants), 0, "{}", message());
+                        let state = if wants == 0 { null() } else { state };
+                        m4gn_ride_solved(self.ride, &now, state, &mut answer)
                     }
-                    1 => m4gn_ride_decide(self.ride, fields.as_ptr(), null(), 2, &mut answer),
-                    2 => m4gn_ride_stride(self.ride, fields.as_ptr(), 2, out.as_ptr(), 2, &mut answer),
-                    3 => {
-                        self.index += answer.solver_steps;
-                        m4gn_ride_advanced(self.ride, &self.now(), &mut answer)
+                    1 => m4gn_ride_stride(self.ride, places.as_ptr(), &mut answer),
+                    2 => {
+                        let state = if answer.state == 0 { null() } else { state };
+                        m4gn_ride_advanced(self.ride, &now, state, &mut answer)
                     }
-                    _ => m4gn_ride_handed_back(self.ride, &now, null(), 0, fields.as_ptr(), 2, &mut answer),
+                    _ => m4gn_ride_handed_back(self.ride, &now, state, null(), 0, &mut answer),
                 }
             };
             if status != 0 {
                 return;
             }
         }
+    }
+}
+
+/// The state of a host.
+struct State {
+    flow: Flow,
+    inlet: f64,
+}
+
+impl State {
+    fn state(&self) -> [*const f64; 5] {
+        let [u, p, a, b] = self.flow.state();
+        [u, p, a, b, &raw const self.inlet]
+    }
+}
+
+/// A flow, and a value that is known beforehand.
+fn arrays(host: &Host) -> Vec<ArrayData> {
+    let mut arrays = flow_arrays(host).to_vec();
+    arrays.push(array(c"inlet", 2, 3, 1, 1));
+    arrays
+}
+
+fn session(host: &Host) -> Session {
+    let model = open_model(root().join("tests/cabi/small.safetensors"));
+    let mut session = none();
+    // SAFETY: arrays of the lengths that the counts say.
+    unsafe {
+        let made = m4gn_session_new(NO_MPI, &host.data, model, null(), null(), &mut session);
+        m4gn_model_free(model);
+        assert_eq!(made, 0, "{}", message());
+    }
+    session
+}
+
+/// Settings of a ride of a network, or of a fit.
+fn usual(fits: bool) -> Value {
+    match fits {
+        false => json!({
+            "mode": "replace", "solverSteps": 5, "surrogateSteps": 2, "timeStart": 0.024,
+            "control": { "tolerance": 1e9, "relTol": 1e9 }
+        }),
+        true => json!({
+            "mode": "replace", "surrogates": ["dmd"],
+            "dmd": {
+                "snapshotInterval": 0.01, "jumpTolerance": 1e9, "fitTolerance": 1e9, "initialJump": 2, "window": 5,
+                "minSnapshots": 5, "holdOut": 1, "refitInterval": 1, "delays": [1, 2], "svdRank": [2]
+            }
+        }),
     }
 }
 
@@ -85,71 +201,38 @@ fn seal(bytes: &mut [u8]) {
 #[test]
 fn ride_states() {
     let host = Host::new(sample::triangles(4, 3, 1.0, 0.7));
-    let model = open_model(root().join("tests/cabi/small.safetensors"));
+    let arrays = arrays(&host);
+    let network = session(&host);
     let (_folder, path) = place("a.state");
     let name = CString::new(path.to_str().unwrap()).unwrap();
-    let mut session = none();
-    // SAFETY: arrays of the lengths that the counts say.
-    unsafe {
-        let made = m4gn_session_new(NO_MPI, &host.data, model, null(), null(), &mut session);
-        m4gn_model_free(model);
+    let of = |fits: bool| if fits { none() } else { network };
+    let good = [false, true].map(|fits| {
+        let (made, mut run) = Run::begin(&host, of(fits), &arrays, &usual(fits));
         assert_eq!(made, 0, "{}", message());
-    }
-    let usual = |learns: bool| {
-        let mut settings = json!({
-            "mode": "replace", "solverSteps": 5, "surrogateSteps": 2, "timeStart": 0.024,
-            "control": { "tolerance": 1e9, "relTol": 1e9 }
-        });
-        if learns {
-            settings["adapt"] =
-                json!({ "mode": "during", "steps": 1, "stepsEach": 1, "heldBack": 0.4, "start": 0 });
-        }
-        settings
-    };
-    let begin = |settings: &Value| {
-        let mut run = Run { host: &host, ride: none(), index: 0 };
-        let settings = options(settings);
-        // SAFETY: a session on this mesh.
-        let status = unsafe {
-            m4gn_ride_new(
-                NO_MPI,
-                &surrogates(session),
-                &host.data,
-                settings.as_ptr(),
-                &run.now(),
-                &mut run.ride,
-            )
-        };
-        (status, run)
-    };
-    let good = [false, true].map(|learns| {
-        let (made, mut run) = begin(&usual(learns));
-        assert_eq!(made, 0, "{}", message());
-        run.go_on(14, RideAnswer::default(), &mut Random::new(3));
+        run.go_on(if fits { 26 } else { 14 }, RideAnswer::default(), &mut Random::new(3));
         // SAFETY: a ride of ours, freed once.
         unsafe {
             assert_eq!(m4gn_ride_save(run.ride, name.as_ptr()), 0, "{}", message());
             m4gn_ride_free(run.ride);
         }
-        (learns, run.index, std::fs::read(&path).unwrap())
+        (fits, run.index, std::fs::read(&path).unwrap())
     });
     fuzz("ride", |r| {
-        let (learns, index, good) = r.pick(&good);
-        let mut settings = usual(*learns);
+        let (fits, index, good) = r.pick(&good);
+        let mut settings = usual(*fits);
         match r.below(6) {
-            0 if *learns => {
+            0 if *fits => {
                 let keys = [
+                    "snapshotInterval",
+                    "jumpTolerance",
+                    "fitTolerance",
+                    "initialJump",
+                    "maxJump",
                     "window",
-                    "maxFrames",
-                    "steps",
-                    "batch",
-                    "learningRate",
-                    "noise",
-                    "heldBack",
-                    "budget",
-                    "start",
+                    "minSnapshots",
+                    "holdOut",
                 ];
-                settings["adapt"][*r.pick(&keys)] = match r.below(2) {
+                settings["dmd"][*r.pick(&keys)] = match r.below(2) {
                     0 => Value::from(r.below(5)),
                     _ => r.real().into(),
                 };
@@ -178,25 +261,67 @@ fn ride_states() {
             }
         }
         std::fs::write(&path, &bytes).unwrap();
-        let (made, mut run) = begin(&settings);
+        let (made, mut run) = Run::begin(&host, of(*fits), &arrays, &settings);
+        run.prescribed.status = if r.below(8) == 0 { r.integer() as i32 } else { 0 };
         if made == 0 {
             run.index = *index;
-            let mut answer = RideAnswer::default();
-            // SAFETY: a ride of ours, freed once.
-            unsafe {
-                m4gn_ride_load(run.ride, name.as_ptr(), &run.now(), &mut answer);
-                run.go_on(8, answer, r);
-                m4gn_ride_text(run.ride, 6);
-            }
+            let answer = run.load(&name, r);
+            run.go_on(8, answer, r);
+            // SAFETY: a ride of ours.
+            unsafe { m4gn_ride_text(run.ride, 6) };
         }
-        let text = message();
-        assert!(!text.contains("internal error"), "{text}");
+        not_internal();
         // SAFETY: null, or freed once.
         unsafe { m4gn_ride_free(run.ride) };
         bytes.len()
     });
     // SAFETY: made above, and freed once.
-    unsafe { m4gn_session_free(session) };
+    unsafe { m4gn_session_free(network) };
+}
+
+/// Whatever a host says that its arrays are: what is taken is the state of a run.
+#[test]
+fn ride_arrays() {
+    let host = Host::new(sample::triangles(4, 3, 1.0, 0.7));
+    let network = session(&host);
+    let weights: Vec<f64> = vec![0.5; host.mesh.n_cells()];
+    fuzz("arrays", |r| {
+        let mut arrays = arrays(&host);
+        let fits = r.below(2) == 0;
+        let weights: Vec<f64> =
+            weights.iter().map(|w| if r.below(99) == 0 { r.real() } else { *w }).collect();
+        arrays[0].weights = weights.as_ptr();
+        for _ in 0..r.below(3) {
+            let array = at(&mut arrays, r);
+            match r.below(9) {
+                0 => array.name = word(r, &[c"U", c"p", c"T", c"", c"\xff", c"inlet"]),
+                1 => array.place = r.below(7) as i32 - 1,
+                2 => array.role = r.below(7) as i32 - 1,
+                3 => array.place = r.integer() as i32,
+                4 => array.floor = r.real(),
+                5 => array.solved = r.below(5) as i32 - 1,
+                // No longer than what there is.
+                6 => array.components = *r.pick(&[array.components, 1, 0, -1]),
+                7 => array.n = *r.pick(&[array.n / 2, 0, -1, i64::MIN]),
+                _ => array.weights = null(),
+            }
+        }
+        if r.below(8) == 0 {
+            arrays.remove(r.below(5));
+        }
+        let session = if fits { none() } else { network };
+        let (made, mut run) = Run::begin(&host, session, &arrays, &usual(fits));
+        run.prescribed.status = if r.below(8) == 0 { r.integer() as i32 } else { 0 };
+        if made == 0 && arrays.len() == 5 {
+            run.go_on(30, RideAnswer::default(), r);
+        }
+        not_internal();
+        // SAFETY: null, or freed once.
+        unsafe { m4gn_ride_free(run.ride) };
+        100
+    });
+    // SAFETY: made above, and freed once.
+    unsafe { m4gn_session_free(network) };
 }
 
 /// Whatever the figures are: a jump has as many strides as the estimate allows, and never one of which nothing is known.
@@ -223,7 +348,8 @@ fn control_figures() {
         let factors = [figure(), figure()];
         let n = if r.below(4) == 0 { r.below(4) } else { 2 };
         let most = if r.below(2) == 0 { usize::MAX } else { r.below(1 << 20) };
-        let fields = vec![("U".to_string(), None), ("p".to_string(), Some(factors.to_vec()))];
+        let fields =
+            vec![("U".to_string(), Growth::Unknown), ("p".to_string(), Growth::Factors(factors.to_vec()))];
         let made = ControlSettings::parse(&settings.to_string()).and_then(|s| Control::new(fields, s));
         if let Ok(mut control) = made {
             let known = match r.below(2) {

@@ -5,7 +5,7 @@
 pub use m4gn::*;
 use m4gn_mesh::ElasticModes;
 use m4gn_mesh::Mesh;
-use m4gn_model::{Calibration, Model};
+use m4gn_model::Model;
 use m4gn_modes::fem::PointMesh;
 use m4gn_samples::model::bodies;
 use std::ffi::{CStr, CString, c_char};
@@ -13,9 +13,76 @@ use std::ptr::{null, null_mut};
 
 pub type Session = *mut SessionHandle;
 
-/// A session for a ride.
-pub fn surrogates(session: Session) -> RideSurrogates {
-    RideSurrogates { session: session.cast(), own: null(), arrays: null(), n_arrays: 0 }
+/// What a host brings along to a ride of this session: a state of these arrays.
+pub fn ride_host(session: Session, host: &Host, arrays: &[ArrayData]) -> HostData {
+    HostData {
+        session: session.cast(),
+        own: null(),
+        mesh: &host.data,
+        arrays: arrays.as_ptr(),
+        n_arrays: arrays.len() as i32,
+        ahead: None,
+        data: null_mut(),
+    }
+}
+
+/// An array of a state: of a solved one all components are.
+pub fn array(name: &'static CStr, place: i32, role: i32, components: i32, n: usize) -> ArrayData {
+    ArrayData {
+        name: name.as_ptr(),
+        place,
+        role,
+        components,
+        solved: components,
+        n: n as i64,
+        floor: f64::NEG_INFINITY,
+        weights: null(),
+    }
+}
+
+/// The state of a plane flow on this mesh: U and p, solved and following at cells, with the values that boundary faces carry.
+pub fn flow_arrays(host: &Host) -> [ArrayData; 4] {
+    let (n, b) = (host.mesh.n_cells(), host.mesh.boundary.len());
+    [
+        ArrayData { solved: host.mesh.directions.len() as i32, ..array(c"U", 0, 0, 3, n) },
+        array(c"p", 0, 1, 1, n),
+        array(c"U", 3, 2, 3, b),
+        array(c"p", 3, 2, 1, b),
+    ]
+}
+
+/// Values of U and p at cells and boundary faces.
+pub struct Flow {
+    pub u: Vec<f64>,
+    pub p: Vec<f64>,
+    pub faces: Vec<f64>,
+}
+
+impl Flow {
+    /// All alike.
+    pub fn of(host: &Host, value: f64) -> Flow {
+        let (n, b) = (host.mesh.cell_global.len(), host.mesh.boundary.len());
+        Flow { u: vec![value; 3 * n], p: vec![value; n], faces: vec![value; 3 * b] }
+    }
+
+    /// For a step of a session: cells and boundary faces of each field.
+    pub fn cells(&self) -> [*const f64; 2] {
+        [self.u.as_ptr(), self.p.as_ptr()]
+    }
+
+    pub fn boundary(&self) -> [*const f64; 2] {
+        [self.faces.as_ptr(); 2]
+    }
+
+    /// For a ride with [`flow_arrays`].
+    pub fn state(&self) -> [*const f64; 4] {
+        [self.u.as_ptr(), self.p.as_ptr(), self.faces.as_ptr(), self.faces.as_ptr()]
+    }
+
+    /// Where the cells of the next state go.
+    pub fn next(&mut self) -> [*mut f64; 2] {
+        [self.u.as_mut_ptr(), self.p.as_mut_ptr()]
+    }
 }
 
 /// Message of the last failed call.
@@ -210,11 +277,10 @@ impl BodyHost {
     }
 }
 
-/// A small model of bodies at points, corrected by what it was off by over the stride before.
+/// A small model of bodies at points.
 pub fn body_model() -> Model {
     let mut spec = bodies();
     (spec.segments.count, spec.segments.modes) = (3, 1);
-    spec.calibration = Some(Calibration::of_carried(0.9));
     let mut model = Model::random(spec, 5).unwrap();
     // Random weights move points far.
     model.tensors.get_mut("norm.output.std").unwrap().data.fill(0.01);
@@ -231,17 +297,7 @@ pub fn open_model(path: impl AsRef<std::path::Path>) -> *mut ModelHandle {
     let path = CString::new(path.as_ref().to_str().unwrap()).unwrap();
     let mut model = none();
     // SAFETY: a C string and a place for the handle.
-    let status = unsafe { m4gn_model_open(m4gn_mesh::parallel::NO_MPI, path.as_ptr(), &mut model) };
+    let status = unsafe { m4gn_model_open(m4gn_parallel::NO_MPI, path.as_ptr(), &mut model) };
     assert_eq!(status, 0, "{}", message());
     model
-}
-
-/// A field as a host hands it in.
-pub fn field(name: &'static CStr, components: i32, cells: &[f64], boundary: &[f64]) -> FieldData {
-    FieldData { name: name.as_ptr(), components, cells: cells.as_ptr(), boundary: boundary.as_ptr() }
-}
-
-/// A place for a field.
-pub fn output(name: &'static CStr, components: i32, cells: &mut [f64]) -> FieldOut {
-    FieldOut { name: name.as_ptr(), components, cells: cells.as_mut_ptr() }
 }

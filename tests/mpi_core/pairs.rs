@@ -1,10 +1,10 @@
 //! Pairs of matrices and the ways to their modes, on several ranks.
 
 use crate::checks::Checks;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_model::modal::{ModalOptions, ModalSolver, Modes};
 use m4gn_modes::{Mass, Problem, Rows, laplacian_modes, solve};
+use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use std::f64::consts::PI;
 

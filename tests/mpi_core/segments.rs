@@ -1,15 +1,14 @@
 //! Segments and their quality on several ranks against one, by every method, on random and broken-up meshes.
 
 use super::checks::{Checks, compare_segments};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::{Mesh, NodeType};
-use m4gn_model::modal::Modes;
 use m4gn_model::{SegmentMethod, SegmentSpec};
 use m4gn_modes::Modal;
+use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use m4gn_structure::graph::Graph;
-use m4gn_structure::{Dissimilarity, Quality, Segmentation, obstacle_distance, quality, segment};
+use m4gn_structure::{Quality, Segmentation, obstacle_distance, quality, segment};
 
 pub fn check(checks: &mut Checks) {
     let mut draw = Draw(1);
@@ -63,7 +62,7 @@ fn one(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32], spec: &Segme
         format!("{name}: {found_quality:?}, expected {expected_quality:?}"),
     );
     if spec.connected {
-        let pieces = pieces(mesh, &expected.node_segment);
+        let pieces = sample::pieces(mesh, &expected.node_segment);
         checks.that(pieces == spec.count, format!("{name}: {pieces} pieces"));
     }
 }
@@ -72,30 +71,8 @@ fn solve(mesh: &Mesh, spec: &SegmentSpec, comm: &Comm) -> Result<(Segmentation, 
     let mut graph = Graph::new(mesh, comm)?;
     let found = segment(mesh, &mut graph, spec, &Modal::default(), comm, None)?;
     let labels = &found.node_segment[..mesh.n_cells()];
-    let quality = quality(mesh, &mut graph, labels, spec.count, Dissimilarity::Positions, comm)?;
+    let quality = quality(mesh, &mut graph, labels, spec.count, comm)?;
     Ok((found, quality))
-}
-
-/// Connected pieces of equal segments of an undecomposed mesh, by merging labels until nothing changes.
-fn pieces(mesh: &Mesh, segment: &[i32]) -> usize {
-    let mut piece: Vec<usize> = (0..mesh.n_cells()).collect();
-    let mut links: Vec<(usize, usize)> =
-        mesh.face_owner.iter().zip(&mesh.face_neighbour).map(|(&a, &b)| (a as usize, b as usize)).collect();
-    links.extend(mesh.coupled.iter().map(|c| (c.owner as usize, c.global as usize)));
-    links.retain(|&(a, b)| segment[a] == segment[b]);
-    loop {
-        let before = piece.clone();
-        for &(a, b) in &links {
-            let low = piece[a].min(piece[b]);
-            (piece[a], piece[b]) = (low, low);
-        }
-        if piece == before {
-            break;
-        }
-    }
-    piece.sort_unstable();
-    piece.dedup();
-    piece.len()
 }
 
 /// Random numbers that all ranks draw alike (a 64-bit linear congruence).
@@ -177,25 +154,15 @@ fn quality_of_many_cells(checks: &mut Checks) {
     let label = |g: usize| (g % nx / 30 + 7 * (g / nx / 25)) as i32;
     let labels: Vec<i32> = part.cell_global.iter().map(|&g| label(g as usize)).collect();
     let whole: Vec<i32> = (0..mesh.n_cells()).map(label).collect();
-    let of = |mesh: &Mesh, labels: &[i32], comm: &Comm, modes: Option<&Modes>| {
+    let of = |mesh: &Mesh, labels: &[i32], comm: &Comm| {
         let mut graph = Graph::new(mesh, comm)?;
-        let dissimilarity = modes.map_or(Dissimilarity::Positions, Dissimilarity::Features);
-        quality(mesh, &mut graph, labels, 28, dissimilarity, comm)
+        quality(mesh, &mut graph, labels, 28, comm)
     };
-    let found = checks.value(of(&part, &labels, &comm, None), "quality");
-    let expected = checks.value(of(&mesh, &whole, &Comm::serial(), None), "quality, whole");
+    let found = checks.value(of(&part, &labels, &comm), "quality");
+    let expected = checks.value(of(&mesh, &whole, &Comm::serial()), "quality, whole");
     checks.that(found == expected, format!("quality {found:?}, expected {expected:?}"));
     let cells = found.map_or(0, |q| q.silhouette_cells);
     checks.that((3500..4500).contains(&cells), format!("a sample of {cells} cells"));
-    let x = |mesh: &Mesh| Modes {
-        eigenvalues: vec![1.0],
-        vectors: vec![mesh.cell_centres.iter().map(|x| x[0].sin()).collect()],
-    };
-    let found = checks.value(of(&part, &labels, &comm, Some(&x(&part))), "quality by modes");
-    let serial = of(&mesh, &whole, &Comm::serial(), Some(&x(&mesh)));
-    let expected = checks.value(serial, "quality by modes, whole");
-    let near = found.zip(expected).is_some_and(|(f, e)| (f.silhouette - e.silhouette).abs() < 1e-9);
-    checks.that(near, format!("by modes {found:?}, expected {expected:?}"));
 }
 
 /// What cannot be done is said on every rank.

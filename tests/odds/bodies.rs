@@ -1,6 +1,6 @@
-//! Sessions of a body at points under an obstacle, whose model is corrected by the stride before.
+//! Sessions of a body at points under an obstacle.
 
-use crate::calls::{Bench, Ended, Oddity, unless};
+use crate::calls::{Bench, Ended, Oddity, unless, unless_mut};
 use crate::host::*;
 use crate::timed;
 use m4gn_mesh::NodeType;
@@ -60,105 +60,42 @@ impl Bench {
     }
 
     pub fn body_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Session) {
-        let mut settings = json!({ "projection": {} });
-        match odd {
-            Some("backend") => settings["backend"] = "torch".into(),
-            Some("projection") => settings["projection"] = json!({ "sweeps": 13 }),
-            Some("no projection") => settings["projection"] = json!(null),
-            Some("far projection") => settings["projection"] = json!({ "radius": -1.0 }),
-            _ => (),
+        let mut settings = json!({});
+        if odd == Some("backend") {
+            settings["backend"] = "torch".into();
         }
         self.session_of(&self.body_host(odd), self.body_model_file(), &settings, null(), odd, panic)
     }
 
-    /// A call on a session of a body. The displacement before it is none.
-    pub fn body_call(&self, call: &str, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+    pub fn body_step(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let (made, session) = self.body_new(None, None);
         if made.status != 0 {
             return made;
         }
         let n = self.body_host(None).mesh.cell_global.len();
-        let ended = match call {
-            "session_set_obstacle" => self.set_obstacle(session, odd, panic),
-            "session_set_before" => self.set_before(session, n, odd, panic),
-            _ => {
-                self.set_obstacle(session, None, None);
-                self.body_step(session, n, odd, panic)
-            }
-        };
-        let after = [
-            self.set_obstacle(session, None, None),
-            self.set_before(session, n, None, None),
-            self.body_step(session, n, None, None),
-        ];
+        let step = |odd, panic| self.stepped(session, n, odd, panic);
+        let (ended, again) = (step(odd, panic), step(None, None));
         // SAFETY: freed once.
         timed(|| unsafe { m4gn_session_free(session) });
-        after.into_iter().fold(ended, |ended, next| self.then(ended, next))
+        self.then(ended, again)
     }
 
-    fn set_obstacle(&self, session: Session, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
-        let (mut now, mut after) = (motion(0), motion(1));
-        match odd {
-            Some("nan") => now[4] = f64::NAN,
-            Some("infinite") => after[17] = f64::INFINITY,
-            _ => (),
-        }
-        let n = match odd {
-            Some("count") => -1,
-            Some("short") => 5,
-            Some("none") => 0,
-            _ => N_OBSTACLE as i32,
-        };
-        let now = unless(odd == Some("no now"), now.as_ptr());
-        let after = unless(odd == Some("no after"), after.as_ptr());
-        // SAFETY: arrays of their lengths, or what the call refuses.
-        self.made(panic, || unsafe { m4gn_session_set_obstacle(session, now, after, n) })
-    }
-
-    /// Of a body at rest.
-    fn set_before(&self, session: Session, n: usize, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
-        let (mut body, mut obstacle) = (vec![0.0; 3 * n], motion(0));
-        match odd {
-            Some("nan") => body[1] = f64::NAN,
-            Some("obstacle nan") => obstacle[4] = f64::NAN,
-            _ => (),
-        }
-        let n_points = match odd {
-            Some("count") => -1,
-            Some("short") => n as i32 - 1,
-            _ => n as i32,
-        };
-        let n_obstacle = match odd {
-            Some("obstacle count") => -1,
-            Some("obstacle short") => 5,
-            _ => N_OBSTACLE as i32,
-        };
-        let body = unless(odd == Some("no body"), body.as_ptr());
-        let obstacle = unless(odd == Some("no obstacle"), obstacle.as_ptr());
-        // SAFETY: arrays of their lengths, or what the call refuses.
-        self.made(panic, || unsafe { m4gn_session_set_before(session, body, n_points, obstacle, n_obstacle) })
-    }
-
-    fn body_step(&self, session: Session, n: usize, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+    /// The first step of a body at rest.
+    fn stepped(&self, session: Session, n: usize, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let mut displacement = vec![0.0; 3 * n];
-        if odd == Some("nan") {
-            displacement[2] = f64::NAN;
+        let mut obstacle = [motion(0), motion(1)].concat();
+        match odd {
+            Some("nan") => displacement[2] = f64::NAN,
+            Some("obstacle nan") => obstacle[4] = f64::NAN,
+            Some("infinite") => obstacle[3 * N_OBSTACLE + 17] = f64::INFINITY,
+            Some("turned") => obstacle[3 * N_OBSTACLE] += 0.3,
+            _ => (),
         }
         let mut end = displacement.clone();
-        let name = if odd == Some("name") { c"U" } else { c"D" };
-        let mut fields = [field(name, 3, &displacement, &[])];
-        let mut out = [output(c"D", 3, &mut end)];
-        match odd {
-            Some("null") => fields[0].cells = null(),
-            Some("output") => out[0].components = 1,
-            _ => (),
-        }
-        let n_fields = match odd {
-            Some("missing") => 0,
-            Some("count") => -2,
-            _ => 1,
-        };
+        let cells = unless(odd == Some("no displacement"), displacement.as_ptr());
+        let boundary = unless(odd == Some("no obstacle"), obstacle.as_ptr());
+        let next = unless_mut(odd == Some("no place"), end.as_mut_ptr());
         // SAFETY: arrays of their lengths, or what the call refuses.
-        self.made(panic, || unsafe { m4gn_session_step(session, fields.as_ptr(), n_fields, out.as_ptr(), 1) })
+        self.made(panic, || unsafe { m4gn_session_step(session, &cells, &boundary, &next) })
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::host::*;
 use crate::{FAULT, SCENARIO, timed};
-use m4gn_mesh::parallel::{Comm, operations_since, panic_after};
+use m4gn_parallel::{Comm, operations_since, panic_after};
 use m4gn_samples::mesh as sample;
 use std::ffi::CString;
 use std::ptr::null;
@@ -17,19 +17,16 @@ pub fn oddities(call: &str) -> impl Iterator<Item = Oddity> {
         "session_new" => {
             "null, no mesh, no model, volume, owner, global, components, segments, modes, overlap, \
              iterations, tau, size, method, precision, connected, distance, obstacles, solver, operator, \
-             model, labels, text, backend, resolution, projection, solid"
+             model, labels, text, backend, resolution, solid"
         }
         "session_new_of_body" => {
             "null, no mesh, type, element, inverted, material, position, global, obstacle, triangle, \
-             overlap, no obstacle, no types, elements, faces, backend, projection, no projection, far \
-             projection"
+             overlap, no obstacle, no types, elements, faces, backend"
         }
-        "session_set_obstacle" => "nan, infinite, count, short, none, no now, no after",
-        "session_set_before" => {
-            "nan, obstacle nan, count, short, obstacle count, obstacle short, no body, no obstacle"
+        "session_step_of_body" => {
+            "nan, obstacle nan, infinite, turned, no displacement, no obstacle, no place"
         }
-        "session_step_of_body" => "nan, name, null, output, missing, count",
-        "session_step" => "missing, null, nan, count, output",
+        "session_step" => "null, no faces, nowhere, no cells, no boundary, no place, nan, infinite",
         "session_outside" => "null, size",
         "segments_new" => {
             "null, no mesh, no options, volume, owner, global, spec, json, solver, modes, labels"
@@ -41,14 +38,24 @@ pub fn oddities(call: &str) -> impl Iterator<Item = Oddity> {
         }
         "recorder_new" => "null, no mesh, no options, path, fields, split, overwrite, volume, json",
         "recorder_finish" => "taken, lost",
-        "recorder_append" => "missing, nan, count, time",
+        "recorder_append" => "null, no faces, no cells, no boundary, nan, time",
         "segments_fit" => "null, no mesh, no options, spec, json, labels, size",
-        "ride_new" => "null, no mesh, no settings, no start, time, json, mode, steps",
-        "ride_decide" => "missing, null, nan, count",
-        "ride_stride" => "missing, null, no places, count",
-        "ride_handed_back" => "missing, name, time",
-        "ride_save" => "null, path",
-        "ride_load" => "null, path, time",
+        "ride_new" => {
+            "null, no mesh, no settings, no start, time, json, mode, steps, no arrays, count, fewer, more, \
+             order, name, no name, other name, place, no place, role, no role, components, items, \
+             items below 0, solved, floor, weights"
+        }
+        "ride_new_of_fit" => {
+            "null, no settings, no start, time, json, window, no host, no arrays, count, fewer, name, role, \
+             components, items below 0, solved, floor, weights"
+        }
+        "ride_solved" => "null, missing, nan, no step, time",
+        "ride_stride" => "null, missing",
+        "ride_stride_of_own" => "null, missing, fails",
+        "ride_stride_of_fit" => "null, missing, ahead fails",
+        "ride_handed_back" => "null, missing, name, no step, time",
+        "ride_save" => "no path, path",
+        "ride_load" => "no path, path, time, null, missing",
         _ => "",
     };
     names.split_terminator(", ")
@@ -114,9 +121,7 @@ impl Bench {
                 timed(|| unsafe { m4gn_session_free(session) });
                 ended
             }
-            "session_set_obstacle" | "session_set_before" | "session_step_of_body" => {
-                self.body_call(call, odd, panic)
-            }
+            "session_step_of_body" => self.body_step(odd, panic),
             "session_step" => self.session_step(odd, panic),
             "session_outside" => self.session_outside(odd, panic),
             "segments_new" => self.segments_new(odd, panic),
@@ -130,7 +135,7 @@ impl Bench {
             }
             "recorder_append" => self.recorder_append(odd, panic),
             "segments_fit" => self.segments_fit(odd, panic),
-            "ride_new" => self.ride_new(odd, panic),
+            "ride_new" | "ride_new_of_fit" => self.ride_new(call, odd, panic),
             "recorder_finish" => self.recorder_finish(odd, panic),
             "session_free" | "recorder_free" | "ride_free" | "finalize" => self.last_call(call, panic),
             _ => self.ride_call(call, odd, panic),
@@ -141,20 +146,22 @@ impl Bench {
     /// is to break does so in its place.
     fn last_call(&self, call: &str, panic: Option<u32>) -> Ended {
         let (made, session) = self.session_new(None, None);
-        let (begun, ride) = self.ride_made(session, &self.host(None), None, None);
         let (recorded, recorder) = self.recorder_new(None, None);
-        for ended in [made, begun, recorded] {
+        for ended in [made, recorded] {
             if ended.status != 0 {
                 return ended;
             }
         }
+        let breaks = || assert!(panic.is_none(), "{FAULT}");
+        if call == "ride_free" {
+            return self.ride_free(session, breaks);
+        }
         self.made(None, || {
-            assert!(panic.is_none(), "{FAULT}");
+            breaks();
             // SAFETY: objects of ours, freed once.
             unsafe {
                 match call {
                     "session_free" => m4gn_session_free(session),
-                    "ride_free" => m4gn_ride_free(ride),
                     "recorder_free" => m4gn_recorder_free(recorder),
                     _ => m4gn_finalize(),
                 }
@@ -232,8 +239,9 @@ pub fn model() -> CString {
 }
 
 /// U and p in cells, and zeros at boundary faces.
-pub fn values(host: &Host) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
-    let n = host.mesh.n_cells();
-    let u = (0..3 * n).map(|i| 0.01 * i as f64).collect();
-    (u, vec![1.0; n], vec![0.0; 3 * host.mesh.boundary.len()])
+pub fn values(host: &Host) -> Flow {
+    let mut flow = Flow::of(host, 0.0);
+    flow.u.iter_mut().enumerate().for_each(|(i, u)| *u = 0.01 * i as f64);
+    flow.p.fill(1.0);
+    flow
 }

@@ -15,7 +15,7 @@ mod riding;
 mod surrogate;
 
 use calls::{Bench, oddities};
-use m4gn_mesh::parallel::{Comm, finalize, panic_text};
+use m4gn_parallel::{Comm, finalize, panic_text};
 use std::process::{Command, ExitCode, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -29,14 +29,12 @@ const PLACES: i64 = 12;
 /// What the panics say that a test asks for.
 const FAULT: &str = "a fault that a test asked for";
 
-const CALLS: [&str; 25] = [
+const CALLS: [&str; 26] = [
     "model_open",
     "session_new",
     "session_step",
     "session_outside",
     "session_new_of_body",
-    "session_set_obstacle",
-    "session_set_before",
     "session_step_of_body",
     "session_free",
     "segments_new",
@@ -48,8 +46,11 @@ const CALLS: [&str; 25] = [
     "recorder_free",
     "segments_fit",
     "ride_new",
-    "ride_decide",
+    "ride_new_of_fit",
+    "ride_solved",
     "ride_stride",
+    "ride_stride_of_own",
+    "ride_stride_of_fit",
     "ride_handed_back",
     "ride_save",
     "ride_load",

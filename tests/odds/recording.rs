@@ -5,6 +5,7 @@ use crate::host::*;
 use crate::timed;
 use serde_json::json;
 use std::path::PathBuf;
+use std::ptr::null;
 
 impl Bench {
     pub fn recorder_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, *mut RecorderHandle) {
@@ -12,10 +13,12 @@ impl Bench {
         let name = if odd == Some("path") { "b.h5" } else { "a.h5" };
         let path = self.folder.path().join(name);
         let dimensions = [0, 1, -1, 0, 0, 0, 0];
-        let declared = |name: &'static std::ffi::CStr, components| RecorderField {
+        let declared = |name: &'static std::ffi::CStr, components| FieldInfo {
             name: name.as_ptr(),
             components,
             dimensions,
+            is_input: 0,
+            is_output: 0,
         };
         let fields = [declared(c"U", 3), declared(c"p", 1)];
         let mut settings = json!({ "path": path, "overwrite": true });
@@ -49,19 +52,21 @@ impl Bench {
         }
         let host = self.host(None);
         let append = |time: f64, odd: Option<Oddity>, panic| {
-            let (mut u, p, b) = values(&host);
+            let mut flow = values(&host);
             if odd == Some("nan") {
-                u[1] = f64::NAN;
+                flow.u[1] = f64::NAN;
             }
-            let fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
-            let n = match odd {
-                Some("missing") => 1,
-                Some("count") => -1,
-                _ => 2,
-            };
+            let (mut cells, mut boundary) = (flow.cells(), flow.boundary());
+            match odd {
+                Some("no cells") => cells[1] = null(),
+                Some("no boundary") => boundary[0] = null(),
+                _ => (),
+            }
+            let cells = unless(odd == Some("null"), cells.as_ptr());
+            let boundary = unless(odd == Some("no faces"), boundary.as_ptr());
             let time = if odd == Some("time") { time + 1.0 } else { time };
             // SAFETY: arrays of their lengths, or what the call refuses.
-            self.made(panic, || unsafe { m4gn_recorder_append(recorder, time, fields.as_ptr(), n) })
+            self.made(panic, || unsafe { m4gn_recorder_append(recorder, time, cells, boundary) })
         };
         let ended = append(0.5, odd, panic);
         let again = append(2.5, None, None);
@@ -78,10 +83,11 @@ impl Bench {
             return (made, recorder);
         }
         let host = self.host(None);
-        let (u, p, b) = values(&host);
-        let fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
+        let flow = values(&host);
+        let (cells, boundary) = (flow.cells(), flow.boundary());
         // SAFETY: arrays of their lengths.
-        let ended = self.made(None, || unsafe { m4gn_recorder_append(recorder, 0.0, fields.as_ptr(), 2) });
+        let ended = self
+            .made(None, || unsafe { m4gn_recorder_append(recorder, 0.0, cells.as_ptr(), boundary.as_ptr()) });
         (ended, recorder)
     }
 

@@ -1,16 +1,75 @@
-//! Hybrid runs, whose model learns.
+//! Hybrid runs: of a network, of a surrogate of the host's own, and of a fit.
 
 use crate::calls::{Bench, Ended, Oddity, c, unless, unless_mut, values};
 use crate::host::*;
 use crate::timed;
-use std::ffi::{CStr, CString};
+use serde_json::json;
+use std::cell::Cell;
+use std::ffi::c_void;
 use std::ptr::null;
 
-/// A stride of the model is two of these, s.
+/// A stride of all surrogates is two of these, s.
 const STEP: f64 = 0.005;
 
-/// Steps of the solver before the call, after which a jump begins.
+/// Steps of the solver before the call, after which a network jumps.
 const STEPS: i64 = 12;
+
+/// Steps after which a fit has jumped.
+const MOST: i64 = 60;
+
+/// Index of p and of the prescribed array in the state.
+const P: usize = 1;
+const INLET: usize = 4;
+
+/// What rides.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Network,
+    Own,
+    Fit,
+}
+
+fn kind_of(call: &str) -> Kind {
+    match call {
+        "ride_stride_of_own" => Kind::Own,
+        // A network of random weights is not let jump by its control, and without one the last call needs no state.
+        "ride_new_of_fit" | "ride_stride_of_fit" | "ride_handed_back" => Kind::Fit,
+        _ => Kind::Network,
+    }
+}
+
+/// What the host's functions are given, which are called within a call.
+struct Back {
+    /// Numbers of p on this rank.
+    n: usize,
+    index: Cell<i64>,
+    /// How they end.
+    status: Cell<i32>,
+}
+
+fn inlet(index: f64) -> f64 {
+    (0.15 * index).cos()
+}
+
+extern "C" fn step(data: *mut c_void, state: *const *const f64, next: *const *mut f64) -> i32 {
+    // SAFETY: the data of a ride below, and arrays of the lengths that it described.
+    unsafe {
+        let back = &*data.cast::<Back>();
+        for i in 0..back.n {
+            *(*next.add(P)).add(i) = *(*state.add(P)).add(i) + 1.0;
+        }
+        back.status.get()
+    }
+}
+
+extern "C" fn ahead(data: *mut c_void, later: f64, arrays: *const *mut f64) -> i32 {
+    // SAFETY: as above.
+    unsafe {
+        let back = &*data.cast::<Back>();
+        **arrays.add(INLET) = inlet(back.index.get() as f64 + later / STEP);
+        back.status.get()
+    }
+}
 
 fn now(index: i64) -> RideStep {
     RideStep {
@@ -18,7 +77,7 @@ fn now(index: i64) -> RideStep {
         delta_t: STEP,
         end_time: f64::INFINITY,
         shown: 0.0,
-        wall: 0.0,
+
         index,
         name: null(),
         correctors: -1,
@@ -26,217 +85,317 @@ fn now(index: i64) -> RideStep {
     }
 }
 
+/// A ride on a mesh, with what it is given.
+struct Riding<'a> {
+    bench: &'a Bench,
+    host: Box<Host>,
+    back: Box<Back>,
+    ride: *mut RideHandle,
+    /// Steps so far.
+    index: Cell<i64>,
+    /// What is due.
+    answer: Cell<RideAnswer>,
+}
+
+impl Drop for Riding<'_> {
+    fn drop(&mut self) {
+        // SAFETY: null, or freed once.
+        timed(|| unsafe { m4gn_ride_free(self.ride) });
+    }
+}
+
 impl Bench {
-    /// A ride of this session's model.
-    pub fn ride_made(
+    fn settings(kind: Kind, odd: Option<Oddity>) -> serde_json::Value {
+        if kind == Kind::Fit {
+            let window = if odd == Some("window") { 9 } else { 8 };
+            return json!({
+                "mode": "replace", "surrogates": ["dmd"],
+                "dmd": {
+                    "snapshotInterval": 2.0 * STEP, "jumpTolerance": 1e9, "fitTolerance": 1e9, "initialJump": 2,
+                    "window": window, "minSnapshots": 8, "holdOut": 1, "refitInterval": 1, "delays": [2], "svdRank": [4]
+                }
+            });
+        }
+        let strides = if odd == Some("steps") { 3 } else { 2 };
+        let mut settings = json!({ "mode": "replace", "solverSteps": STEPS, "surrogateSteps": strides });
+        // Random weights predict changes that control would not let a jump have.
+        if kind == Kind::Network {
+            settings["control"] = json!({ "tolerance": 1e9, "relTol": 1e9 });
+        }
+        settings
+    }
+
+    /// The state of a ride, and the number of its arrays.
+    fn arrays(host: &Host, odd: Option<Oddity>, weights: &mut [f64]) -> Vec<ArrayData> {
+        let mut arrays = flow_arrays(host).to_vec();
+        arrays.push(array(c"inlet", 2, 3, 1, 1));
+        if odd == Some("weights") {
+            weights[1] = -1.0;
+        }
+        arrays[0].weights = weights.as_ptr();
+        match odd {
+            Some("fewer") => arrays.truncate(3),
+            Some("more") => arrays.push(array(c"more", 2, 2, 1, 0)),
+            Some("order") => arrays.swap(2, 3),
+            Some("name") => arrays[P].name = c"q".as_ptr(),
+            Some("no name") => arrays[P].name = null(),
+            Some("other name") => arrays[INLET].name = c"outlet".as_ptr(),
+            Some("place") => arrays[INLET].place = 1,
+            Some("role") => arrays[INLET].role = 2,
+            Some("no place") => arrays[INLET].place = 7,
+            Some("no role") => arrays[INLET].role = -1,
+            Some("components") => arrays[P].components = 0,
+            Some("items") => arrays[P].n -= 1,
+            Some("items below 0") => arrays[P].n = -1,
+            Some("solved") => arrays[0].solved = 4,
+            Some("floor") => arrays[P].floor = 0.0,
+            _ => (),
+        }
+        arrays
+    }
+
+    /// A ride of this session's model, or of what needs none.
+    fn begin(
         &self,
+        kind: Kind,
         session: Session,
-        host: &Host,
         odd: Option<Oddity>,
         panic: Option<u32>,
-    ) -> (Ended, *mut RideHandle) {
-        let steps = if odd == Some("steps") { 3 } else { 2 };
-        // Random weights predict changes that control would not let a jump have
-        let control = match odd {
-            Some("uncontrolled") => "",
-            _ => r#""control": {"tolerance": 1e9, "relTol": 1e9}, "#,
+    ) -> (Ended, Riding<'_>) {
+        let host = self.host(odd);
+        let back = Back { n: host.mesh.n_cells(), index: Cell::new(0), status: Cell::new(0) };
+        let mut riding = Riding {
+            bench: self,
+            host,
+            back: Box::new(back),
+            ride: none(),
+            index: Cell::new(0),
+            answer: Cell::default(),
         };
         let settings = match odd {
             Some("json") => c("{\"mode\": ".into()),
             Some("mode") => c("{\"mode\": \"always\"}".into()),
-            _ => c(format!(
-                r#"{{"mode": "replace", "solverSteps": 12, "surrogateSteps": {steps}, {control}"adapt": {{"mode": "during", "steps": 2,
-                "stepsEach": 1, "batch": 1, "maxFrames": 40, "start": 0}}}}"#
-            )),
+            _ => options(&Self::settings(kind, odd)),
         };
-        let mut ride = none();
-        let place = unless_mut(odd == Some("null"), &raw mut ride);
-        let mesh = unless(odd == Some("no mesh"), &raw const host.data);
-        let given = unless(odd == Some("no settings"), settings.as_ptr());
+        let mut weights = riding.host.mesh.cell_volumes.clone();
+        let arrays = Self::arrays(&riding.host, odd, &mut weights);
+        let fields = [c"p".as_ptr()];
+        let data = (&raw const *riding.back).cast_mut().cast();
+        let own = SurrogateData {
+            name: c"own".as_ptr(),
+            stride: 2.0 * STEP,
+            n_fields: 1,
+            fields: fields.as_ptr(),
+            step: Some(step),
+            data,
+        };
+        let mut given = ride_host(session, &riding.host, &arrays);
+        given.ahead = Some(ahead);
+        given.data = data;
+        if kind != Kind::Network {
+            given.session = none();
+        }
+        given.own = unless(kind != Kind::Own, &raw const own);
+        given.mesh = unless(kind == Kind::Fit || odd == Some("no mesh"), given.mesh);
+        given.arrays = unless(odd == Some("no arrays"), given.arrays);
+        if odd == Some("count") {
+            given.n_arrays = -1;
+        }
+        let place = unless_mut(odd == Some("null"), &raw mut riding.ride);
+        let text = unless(odd == Some("no settings"), settings.as_ptr());
         let start = now(if odd == Some("time") { 3 } else { 0 });
         let start = unless(odd == Some("no start"), &raw const start);
+        let given = unless(odd == Some("no host"), &raw const given);
         // SAFETY: a session, and arrays of their lengths, or the null pointers that the call refuses.
-        let ended = self.made(panic, || unsafe {
-            m4gn_ride_new(m4gn_mesh::parallel::NO_MPI, &surrogates(session), mesh, given, start, place)
-        });
-        (ended, ride)
+        let ended =
+            self.made(panic, || unsafe { m4gn_ride_new(self.world.fortran(), given, text, start, place) });
+        (ended, riding)
     }
 
-    pub fn ride_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+    pub fn ride_new(&self, call: &str, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let (made, session) = self.session_new(None, None);
         if made.status != 0 {
             return made;
         }
-        let (ended, ride) = self.ride_made(session, &self.host(odd), odd, panic);
-        // SAFETY: null, or freed once.
-        timed(|| unsafe {
-            m4gn_ride_free(ride);
-            m4gn_session_free(session);
-        });
+        let (ended, riding) = self.begin(kind_of(call), session, odd, panic);
+        drop(riding);
+        // SAFETY: freed once.
+        timed(|| unsafe { m4gn_session_free(session) });
         ended
     }
 
-    /// A call on a ride that has frames, and a state of it on disk.
+    /// The call that ends a ride.
+    pub fn ride_free(&self, session: Session, panic: impl FnOnce()) -> Ended {
+        let (begun, riding) = self.begin(Kind::Network, session, None, None);
+        match begun.status {
+            0 => self.made(None, || {
+                panic();
+                drop(riding);
+                0
+            }),
+            _ => begun,
+        }
+    }
+
+    /// A call on a ride that has states, and a state of it on disk.
     pub fn ride_call(&self, call: &str, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let (made, session) = self.session_new(None, None);
         if made.status != 0 {
             return made;
         }
-        let host = self.host(None);
-        let settings = (call == "ride_handed_back").then_some("uncontrolled");
-        let (made, ride) = self.ride_made(session, &host, settings, None);
+        let ended = self.call_of(call, session, odd, panic);
+        // SAFETY: freed once.
+        timed(|| unsafe { m4gn_session_free(session) });
+        ended
+    }
+
+    fn call_of(&self, call: &str, session: Session, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let (made, riding) = self.begin(kind_of(call), session, None, None);
         if made.status != 0 {
             return made;
         }
-        if call != "ride_load" {
-            for index in 1..STEPS {
-                self.solved(ride, index);
-                self.ride_decide(ride, &host, index, None, None);
-            }
-            self.solved(ride, STEPS);
-        }
-        let decide = |odd, panic| self.ride_decide(ride, &host, STEPS, odd, panic);
-        let stride = |odd, panic| self.ride_stride(ride, &host, odd, panic);
+        let steps = match call {
+            "ride_solved" | "ride_save" => STEPS - 1,
+            "ride_load" => 0,
+            _ => MOST,
+        };
+        riding.solve(steps);
         let (ended, again) = match call {
-            "ride_decide" => (decide(odd, panic), decide(None, None)),
-            "ride_stride" => {
-                decide(None, None);
-                let ended = stride(odd, panic);
-                (ended, stride(None, None))
+            "ride_solved" => (riding.solved(odd, panic), riding.solved(None, None)),
+            "ride_stride" | "ride_stride_of_own" | "ride_stride_of_fit" => {
+                (riding.stride(odd, panic), riding.stride(None, None))
             }
             "ride_handed_back" => {
-                decide(None, None);
-                for i in 1..=2 {
-                    stride(None, None);
-                    // SAFETY: a ride of ours.
-                    unsafe { m4gn_ride_advanced(ride, &now(STEPS + 2 * i), &mut RideAnswer::default()) };
+                for _ in 0..2 {
+                    riding.stride(None, None);
+                    riding.advanced();
                 }
-                let back = |odd, panic| self.ride_back(ride, &host, odd, panic);
-                (back(odd, panic), back(None, None))
+                (riding.back(odd, panic), riding.back(None, None))
             }
             "ride_load" => {
-                let (made, other) = self.ride_made(session, &host, None, None);
+                let (made, other) = self.begin(Kind::Network, session, None, None);
                 if made.status != 0 {
                     return made;
                 }
-                for index in 1..4 {
-                    self.solved(other, index);
-                    self.ride_decide(other, &host, index, None, None);
-                }
-                self.solved(other, 4);
-                self.ride_file("ride_save", other, None, None);
-                // SAFETY: freed once.
-                timed(|| unsafe { m4gn_ride_free(other) });
-                let load = |odd, panic| self.ride_file("ride_load", ride, odd, panic);
+                other.solve(4);
+                other.file("ride_save", None, None);
+                riding.index.set(4);
+                let load = |odd, panic| riding.file("ride_load", odd, panic);
                 (load(odd, panic), load(None, None))
             }
             _ => {
-                let save = |odd, panic| self.ride_file("ride_save", ride, odd, panic);
+                let save = |odd, panic| riding.file("ride_save", odd, panic);
                 (save(odd, panic), save(None, None))
             }
         };
-        // SAFETY: freed once.
-        timed(|| unsafe {
-            m4gn_ride_free(ride);
-            m4gn_session_free(session);
-        });
+        drop(riding);
         self.then(ended, again)
     }
+}
 
-    fn solved(&self, ride: *mut RideHandle, index: i64) {
-        // SAFETY: a ride of ours.
-        unsafe { m4gn_ride_solved(ride, &now(index), &mut RideAnswer::default()) };
+impl Riding<'_> {
+    /// The state at this step.
+    fn state(&self) -> (Flow, f64) {
+        let index = self.index.get();
+        let mut flow = values(&self.host);
+        flow.u.iter_mut().enumerate().for_each(|(i, u)| *u *= (0.15 * index as f64 + i as f64).cos());
+        (flow, inlet(index as f64))
     }
 
-    fn ride_decide(
-        &self,
-        ride: *mut RideHandle,
-        host: &Host,
-        index: i64,
-        odd: Option<Oddity>,
-        panic: Option<u32>,
-    ) -> Ended {
-        let (mut u, p, b) = values(host);
-        u.iter_mut().enumerate().for_each(|(i, u)| *u *= (0.15 * index as f64 + i as f64).cos());
+    /// Calls with the state, or what is odd about it.
+    fn with_state<T>(&self, odd: Option<Oddity>, call: impl FnOnce(*const *const f64) -> T) -> T {
+        let (mut flow, inlet) = self.state();
         if odd == Some("nan") {
-            u[1] = f64::NAN;
+            flow.u[1] = f64::NAN;
         }
-        let mut fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
-        if odd == Some("null") {
-            fields[1].cells = null();
-        }
-        let n = match odd {
-            Some("missing") => 1,
-            Some("count") => -1,
-            _ => 2,
-        };
-        let mut answer = RideAnswer::default();
-        let place = unless_mut(odd == Some("no answer"), &raw mut answer);
-        // SAFETY: arrays of their lengths, or what the call refuses.
-        self.made(panic, || unsafe { m4gn_ride_decide(ride, fields.as_ptr(), null(), n, place) })
+        let [u, p, a, b] = flow.state();
+        let p = unless(odd == Some("missing"), p);
+        let state = [u, p, a, b, &raw const inlet];
+        call(unless(odd == Some("null"), state.as_ptr()))
     }
 
-    fn ride_stride(
-        &self,
-        ride: *mut RideHandle,
-        host: &Host,
-        odd: Option<Oddity>,
-        panic: Option<u32>,
-    ) -> Ended {
-        let (u, p, b) = values(host);
-        let (mut next_u, mut next_p) = (u.clone(), p.clone());
-        let fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
-        let mut out = [output(c"U", 3, &mut next_u), output(c"p", 1, &mut next_p)];
-        if odd == Some("null") {
-            out[1].cells = std::ptr::null_mut();
-        }
-        let (n, n_out) = match odd {
-            Some("missing") => (1, 2),
-            Some("no places") => (2, 1),
-            Some("count") => (-1, 2),
-            _ => (2, 2),
-        };
-        let mut answer = RideAnswer::default();
-        // SAFETY: arrays of their lengths, or what the call refuses.
-        self.made(panic, || unsafe {
-            m4gn_ride_stride(ride, fields.as_ptr(), n, out.as_ptr(), n_out, &mut answer)
-        })
-    }
-
-    fn ride_back(
-        &self,
-        ride: *mut RideHandle,
-        host: &Host,
-        odd: Option<Oddity>,
-        panic: Option<u32>,
-    ) -> Ended {
-        let (u, p, b) = values(host);
-        let fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
-        let quantity = RideQuantity { name: unless(odd == Some("name"), c"energy".as_ptr()), value: 1.0 };
-        let n = if odd == Some("missing") { 1 } else { 2 };
-        let step = now(STEPS + if odd == Some("time") { 9 } else { 4 });
-        let mut answer = RideAnswer::default();
-        // SAFETY: arrays of their lengths, or what the call refuses.
-        self.made(panic, || unsafe {
-            m4gn_ride_handed_back(ride, &step, &quantity, 1, fields.as_ptr(), n, &mut answer)
-        })
-    }
-
-    fn ride_file(&self, call: &str, ride: *mut RideHandle, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
-        let name = match odd {
-            Some("path") => "b",
-            _ => "a",
-        };
-        let path: CString = c(self.folder.path().join(name).display().to_string());
-        let path: &CStr = &path;
-        let path = unless(odd == Some("null"), path.as_ptr());
-        let step = now(if odd == Some("time") { 9 } else { 4 });
-        // SAFETY: a C string or null, and objects of ours.
-        self.made(panic, || unsafe {
-            match call {
-                "ride_save" => m4gn_ride_save(ride, path),
-                _ => m4gn_ride_load(ride, path, &step, &mut RideAnswer::default()),
+    /// So many steps of the solver, or until a stride is due.
+    fn solve(&self, steps: i64) {
+        for _ in 0..steps {
+            if self.answer.get().action == 0 {
+                self.solved(None, None);
             }
+        }
+    }
+
+    /// The solver's next step.
+    fn solved(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let before = self.index.get();
+        self.index.set(before + 1);
+        self.back.index.set(before + 1);
+        let step = now(before + if odd == Some("time") { 2 } else { 1 });
+        let step = unless(odd == Some("no step"), &raw const step);
+        let mut answer = RideAnswer::default();
+        let ended = self.with_state(odd, |state| {
+            // SAFETY: a ride of ours; arrays of their lengths, or what the call refuses.
+            self.bench.made(panic, || unsafe { m4gn_ride_solved(self.ride, step, state, &mut answer) })
+        });
+        match ended.status {
+            0 => self.answer.set(answer),
+            _ => self.index.set(before),
+        }
+        ended
+    }
+
+    fn stride(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let (mut next, _) = self.state();
+        let mut faces = next.faces.clone();
+        let [u, p] = next.next();
+        let mut places = [u, p, next.faces.as_mut_ptr(), faces.as_mut_ptr(), none()];
+        places[P] = unless_mut(odd == Some("missing"), places[P]);
+        let places = unless(odd == Some("null"), places.as_ptr());
+        let fails = matches!(odd, Some("fails" | "ahead fails"));
+        self.back.status.set(if fails { 2 } else { 0 });
+        let mut answer = RideAnswer::default();
+        // SAFETY: a ride of ours; arrays of their lengths, or what the call refuses.
+        let ended = self.bench.made(panic, || unsafe { m4gn_ride_stride(self.ride, places, &mut answer) });
+        self.back.status.set(0);
+        if ended.status == 0 {
+            self.answer.set(answer);
+        }
+        ended
+    }
+
+    fn advanced(&self) {
+        let mut answer = self.answer.get();
+        self.index.set(self.index.get() + answer.solver_steps);
+        let step = now(self.index.get());
+        // SAFETY: a ride of ours, and arrays of their lengths.
+        self.with_state(None, |state| unsafe { m4gn_ride_advanced(self.ride, &step, state, &mut answer) });
+        self.answer.set(answer);
+    }
+
+    fn back(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let quantity = RideQuantity { name: unless(odd == Some("name"), c"energy".as_ptr()), value: 1.0 };
+        let step = now(self.index.get() + if odd == Some("time") { 9 } else { 0 });
+        let step = unless(odd == Some("no step"), &raw const step);
+        let mut answer = RideAnswer::default();
+        self.with_state(odd, |state| {
+            // SAFETY: a ride of ours; arrays of their lengths, or what the call refuses.
+            self.bench.made(panic, || unsafe {
+                m4gn_ride_handed_back(self.ride, step, state, &quantity, 1, &mut answer)
+            })
+        })
+    }
+
+    fn file(&self, call: &str, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
+        let name = if odd == Some("path") { "b" } else { "a" };
+        let path = c(self.bench.folder.path().join(name).display().to_string());
+        let path = unless(odd == Some("no path"), path.as_ptr());
+        let step = now(self.index.get() + if odd == Some("time") { 5 } else { 0 });
+        self.with_state(odd, |state| {
+            // SAFETY: a C string or null, and objects of ours.
+            self.bench.made(panic, || unsafe {
+                match call {
+                    "ride_save" => m4gn_ride_save(self.ride, path),
+                    _ => m4gn_ride_load(self.ride, path, &step, state, &mut RideAnswer::default()),
+                }
+            })
         })
     }
 }

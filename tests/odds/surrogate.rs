@@ -39,7 +39,6 @@ impl Bench {
             // Each of these is valid where all ranks give it.
             Some("backend") => settings["backend"] = "torch:cpu".into(),
             Some("resolution") => settings["resolution"] = 0.3.into(),
-            Some("projection") => settings["projection"] = json!({ "sweeps": 3 }),
             Some("solid") => settings["solid"] = json!({ "E": [1e6, 1e6], "schemes": ["Euler"] }),
             _ => (),
         }
@@ -78,25 +77,25 @@ impl Bench {
 
     /// A step of a session of U and p.
     fn flow_step(&self, session: Session, host: &Host, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
-        let (mut u, p, b) = values(host);
-        if odd == Some("nan") {
-            u[0] = f64::NAN;
-        }
-        let (mut u_out, mut p_out) = (u.clone(), p.clone());
-        let mut fields = [field(c"U", 3, &u, &b), field(c"p", 1, &p, &b)];
-        let mut out = [output(c"U", 3, &mut u_out), output(c"p", 1, &mut p_out)];
+        let mut given = values(host);
         match odd {
-            Some("null") => fields[1].cells = null(),
-            Some("output") => out[0].components = 2,
+            Some("nan") => given.u[0] = f64::NAN,
+            Some("infinite") => given.faces[0] = f64::INFINITY,
             _ => (),
         }
-        let n = match odd {
-            Some("missing") => 1,
-            Some("count") => -3,
-            _ => 2,
-        };
+        let mut after = values(host);
+        let (mut cells, mut boundary, mut next) = (given.cells(), given.boundary(), after.next());
+        match odd {
+            Some("no cells") => cells[1] = null(),
+            Some("no boundary") => boundary[0] = null(),
+            Some("no place") => next[0] = none(),
+            _ => (),
+        }
+        let cells = unless(odd == Some("null"), cells.as_ptr());
+        let boundary = unless(odd == Some("no faces"), boundary.as_ptr());
+        let next = unless(odd == Some("nowhere"), next.as_ptr());
         // SAFETY: arrays of their lengths, or what the call refuses.
-        self.made(panic, || unsafe { m4gn_session_step(session, fields.as_ptr(), n, out.as_ptr(), 2) })
+        self.made(panic, || unsafe { m4gn_session_step(session, cells, boundary, next) })
     }
 
     pub fn session_step(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {

@@ -3,7 +3,7 @@
 #include "testing.H"
 #include "m4gnFluxProjection.H"
 #include "m4gnHandOver.H"
-#include "m4gnSolverState.H"
+#include "m4gnCompletion.H"
 #include "fvcDiv.H"
 #include "IOMRFZoneList.H"
 #include "OSspecific.H"
@@ -67,7 +67,7 @@ TEST(theFluxOfAVelocity)
     EXPECT_NEAR(c.phi->boundaryField()[0][0], -1, 1e-14);
     EXPECT_NEAR(c.phi->boundaryField()[1][0], 2, 1e-14);
     // The first cell: in 1, out 2
-    EXPECT_NEAR(m4gnSolverState::maxDiv(*c.phi), 1, 1e-14);
+    EXPECT_NEAR(m4gnCompletion::maxDiv(*c.phi), 1, 1e-14);
 }
 
 // What enters a channel of one row of cells goes through each of its faces
@@ -81,7 +81,7 @@ TEST(aRowOfCellsCarriesWhatEnters)
         EXPECT_NEAR(c.phi()[facei], 1, 1e-9);
     }
     EXPECT_NEAR(c.phi->boundaryField()[1][0], 1, 1e-9);
-    EXPECT_NEAR(m4gnSolverState::maxDiv(*c.phi), 0, 1e-9);
+    EXPECT_NEAR(m4gnCompletion::maxDiv(*c.phi), 0, 1e-9);
 }
 
 TEST(aFluxWithoutDivergenceStays)
@@ -104,7 +104,7 @@ TEST(wallsStayTight)
     }
     c.handOver(rough);
 
-    EXPECT_NEAR(m4gnSolverState::maxDiv(*c.phi), 0, 1e-8);
+    EXPECT_NEAR(m4gnCompletion::maxDiv(*c.phi), 0, 1e-8);
     EXPECT_NEAR(sum(mag(c.phi->boundaryField()[2])), 0, 0);
     EXPECT_NEAR(sum(mag(c.phi->boundaryField()[3])), 0, 0);
     EXPECT_NEAR(sum(c.phi->boundaryField()[1]), 3, 1e-8);
@@ -118,7 +118,7 @@ TEST(aPressureWithoutALevel)
     for (label facei = 0; facei < 3; ++facei) {
         EXPECT_NEAR(c.phi()[facei], 1, 1e-9);
     }
-    EXPECT_NEAR(m4gnSolverState::maxDiv(*c.phi), 0, 1e-9);
+    EXPECT_NEAR(m4gnCompletion::maxDiv(*c.phi), 0, 1e-9);
 }
 
 TEST(settingsOfTheProjectionAreChecked)

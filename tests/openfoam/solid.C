@@ -103,7 +103,7 @@ TEST(fieldsThatNoSolverRegisters)
     const m4gnMeshAdapter nodes(*mesh, labelList(6, M4GN_FREE));
     m4gnFieldSet fields(*mesh, {"cellSize", "deltaT", "nu", "ddt(D)"});
     fields.gather(nodes);
-    const List<scalarField> values(fields.values(nodes));
+    const std::vector<const double*> values(fields.cells());
 
     // Each cell has neighbours at 1 m and at 2 m
     EXPECT_NEAR(values[0][0], 1.5, 1e-12);

@@ -178,9 +178,12 @@ Foam::autoPtr<Foam::fvMesh> testing::caseFolder::block(
     const wordList names({"left", "right", "bottom", "top", "back", "front"});
     List<polyPatch*> patches(6);
     forAll(patches, i) {
-        patches[i] =
-            polyPatch::New(types[i], names[i], starts[i + 1] - starts[i], starts[i], i, mesh->boundaryMesh())
-                .ptr();
+        // Cyclic ones have that of the other side for neighbour
+        dictionary patch(dict("neighbourPatch " + names[i % 2 ? i - 1 : i + 1] + ';'));
+        patch.set("type", types[i]);
+        patch.set("nFaces", starts[i + 1] - starts[i]);
+        patch.set("startFace", starts[i]);
+        patches[i] = polyPatch::New(names[i], patch, i, mesh->boundaryMesh()).ptr();
     }
     mesh->addFvPatches(patches);
 

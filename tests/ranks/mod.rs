@@ -2,8 +2,8 @@
 // Each test program uses a part of it.
 #![allow(dead_code)]
 
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::{Comm, finalize};
+use m4gn_base::Result;
+use m4gn_parallel::{Comm, finalize};
 use std::process::ExitCode;
 
 /// Runs the checks on all ranks, prints each rank's failures, and ends MPI: a failure anywhere is one everywhere.

@@ -256,3 +256,25 @@ pub fn vortex(mesh: &Mesh, time: f64) -> [(Vec<f64>, Vec<f64>); 2] {
     }
     fields
 }
+
+/// Connected pieces of equal segments of an undecomposed mesh, by merging labels until nothing changes.
+pub fn pieces(mesh: &Mesh, segment: &[i32]) -> usize {
+    let mut piece: Vec<usize> = (0..mesh.n_cells()).collect();
+    let mut links: Vec<(usize, usize)> =
+        mesh.face_owner.iter().zip(&mesh.face_neighbour).map(|(&a, &b)| (a as usize, b as usize)).collect();
+    links.extend(mesh.coupled.iter().map(|c| (c.owner as usize, c.global as usize)));
+    links.retain(|&(a, b)| segment[a] == segment[b]);
+    loop {
+        let before = piece.clone();
+        for &(a, b) in &links {
+            let low = piece[a].min(piece[b]);
+            (piece[a], piece[b]) = (low, low);
+        }
+        if piece == before {
+            break;
+        }
+    }
+    piece.sort_unstable();
+    piece.dedup();
+    piece.len()
+}

@@ -1,10 +1,31 @@
 //! Small synthetic trajectories and configurations, for tests.
 
+use m4gn_base::Result;
 use m4gn_data::{FieldMeta, Frame, Split, WriteOptions, Writer};
-use m4gn_mesh::{Mesh, NodeType, Result};
+use m4gn_mesh::{Mesh, NodeType};
 use m4gn_samples::mesh::{flow, triangles};
 use m4gn_train::Request;
 use std::path::Path;
+
+/// A folder with three trajectories in `data`.
+///
+/// # Panics
+/// Where they cannot be written.
+pub fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("data")).unwrap();
+    write_data(&folder.path().join("data"), 3).unwrap();
+    folder
+}
+
+/// The losses in a training's log.
+///
+/// # Panics
+/// Where there is none.
+pub fn losses(request: &Request) -> Vec<f64> {
+    let text = std::fs::read_to_string(request.log()).unwrap();
+    text.lines().skip(1).map(|l| l.split(',').nth(4).unwrap().parse().unwrap()).collect()
+}
 
 /// Writes `count` trajectories of a vortex that is carried along a channel, frames every 0.01 s.
 ///

@@ -4,9 +4,9 @@ use crate::device::to_host;
 use crate::learner::{Job, Learner, Outcome};
 use crate::pool::Pool;
 use crate::samples::Sample;
+use m4gn_base::{Error, Result};
 use m4gn_learn::normaliser::Normaliser;
 use m4gn_learn::{Backend, Batch, Learned, Rollout};
-use m4gn_mesh::{Error, Result};
 use m4gn_model::ModelSpec;
 use m4gn_train::Task;
 use std::sync::Arc;
@@ -23,8 +23,8 @@ pub struct TorchBackend {
 impl TorchBackend {
     /// For a data set in memory.
     ///
-    /// Errors: [`m4gn_mesh::Error::Input`] where threads cannot be started, or for noise of several sizes or that is not corrected;
-    /// [`m4gn_mesh::Error::Model`] for a graph that the model does not know.
+    /// Errors: [`m4gn_base::Error::Input`] where threads cannot be started, or for noise of several sizes or that is not corrected;
+    /// [`m4gn_base::Error::Model`] for a graph that the model does not know.
     pub fn new(task: &Task, device: Device) -> Result<Self> {
         let t = &task.config.training;
         for (key, found) in [("noise_spread", t.noise_spread), ("noise_correction", t.noise_correction)] {

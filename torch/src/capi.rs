@@ -1,6 +1,6 @@
 //! The C interface through which the core crate uses this library, loaded with libloading.
 //!
-//! Status codes are those of [`m4gn_mesh::Error::status`]; the message of the last failure of the calling thread is
+//! Status codes are those of [`m4gn_base::Error::status`]; the message of the last failure of the calling thread is
 //! kept for `m4gn_torch_last_error`. Panics end here.
 #![allow(unsafe_code)]
 
@@ -8,11 +8,11 @@ use crate::backend::TorchBackend;
 use crate::device::parse_device;
 use crate::inference::Inference;
 use crate::pool::panic_message;
+use m4gn_base::{Error, Result};
 use m4gn_engine::backward::Optimiser;
 use m4gn_engine::torch::{LIBRARY, TorchGraph, TorchLevel};
-use m4gn_mesh::parallel::{Comm, Halo};
-use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
+use m4gn_parallel::{Comm, Halo};
 use m4gn_structure::graph::Graph;
 use m4gn_structure::{Level, Segmentation, Sequence, Structure, Transfer};
 use m4gn_train::{Request, Task, train};

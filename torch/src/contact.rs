@@ -3,8 +3,8 @@
 
 use crate::network::{Links, Topology, pick, sum_into};
 use crate::rollout::State;
+use m4gn_base::{Error, Result};
 use m4gn_domain::Domain;
-use m4gn_mesh::{Error, Result};
 use tch::{Device, Kind, Tensor};
 
 /// The graphs of a union with the world edges at a state instead of those they had; graphs that stay are as they were. `domains` are

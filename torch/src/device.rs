@@ -1,6 +1,6 @@
 //! Devices by name, and tensors on the host.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use tch::{Device, Kind, Tensor};
 
 /// `cpu`, `cuda` or `cuda:N`.

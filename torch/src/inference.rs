@@ -3,7 +3,7 @@
 use crate::network::{Network, Topology};
 use crate::samples::HostGraph;
 use crate::weights::{Layout, Weights};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_structure::Structure;
 use tch::{Device, Tensor};

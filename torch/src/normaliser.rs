@@ -1,8 +1,8 @@
 //! Normalisers as tensors.
 
 use crate::contact::host;
+use m4gn_base::Result;
 use m4gn_learn::normaliser::{Moments, Normaliser};
-use m4gn_mesh::Result;
 use m4gn_model::ModelSpec;
 use tch::{Device, Tensor};
 
@@ -33,7 +33,7 @@ impl Scales {
 
 /// What examples show ([`Normaliser::of_example`]): node inputs, edge features and outputs, physical.
 ///
-/// Errors: [`m4gn_mesh::Error::Internal`] where a tensor cannot be read.
+/// Errors: [`m4gn_base::Error::Internal`] where a tensor cannot be read.
 pub fn of_example(spec: &ModelSpec, [inputs, edges, outputs]: [&Tensor; 3]) -> Result<Normaliser> {
     Ok(Normaliser::of_example(spec, &host(inputs)?, &host(edges)?, &host(outputs)?))
 }

@@ -2,7 +2,7 @@
 //! pieces are the same, and their results are put back in order.
 
 use crate::learner::{Job, Learner, Outcome};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};

@@ -3,8 +3,8 @@
 use crate::contact;
 use crate::network::{Network, Topology};
 use crate::normaliser::Scales;
+use m4gn_base::Result;
 use m4gn_domain::{Components, Domain};
-use m4gn_mesh::Result;
 use m4gn_model::{ModelSpec, Output};
 use tch::{Device, Tensor};
 
@@ -74,7 +74,7 @@ impl Stepper {
 
     /// Physical node inputs `[N x inputs]`. Where the domains move they come of both states.
     ///
-    /// Errors: [`m4gn_mesh::Error::Internal`] where a state cannot be read.
+    /// Errors: [`m4gn_base::Error::Internal`] where a state cannot be read.
     pub fn inputs(&self, domains: &[&dyn Domain], state: &State, next: &State) -> Result<Tensor> {
         if domains.iter().any(|d| d.moves()) {
             return contact::node_inputs(domains, state, next);

@@ -2,9 +2,9 @@
 
 use crate::network::{Level, Sequence, Topology};
 use crate::rollout::Boundary;
+use m4gn_base::{Error, Result};
 use m4gn_domain::{Domain, MeshEdge, moves};
 use m4gn_mesh::NodeType;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::ModelSpec;
 use m4gn_structure::{Segmentation, Structure};
 use std::sync::Arc;

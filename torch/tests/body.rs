@@ -2,12 +2,11 @@
 //! not made for several threads, and other tests would run beside it.
 
 use m4gn_domain::Components;
-use m4gn_mesh::NodeType;
-use m4gn_mesh::parallel::Comm;
 use m4gn_model::{
-    Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec,
-    NodeSums, Output, Precision, SegmentMethod, SegmentSpec, WorldEdges,
+    Architecture, ContactSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, NodeSums, SegmentMethod,
+    SegmentSpec, WorldEdges,
 };
+use m4gn_parallel::Comm;
 use m4gn_step::{Session, SessionOptions};
 use m4gn_torch::contact;
 use m4gn_torch::network::Network;
@@ -18,30 +17,17 @@ use m4gn_torch::weights::Layout;
 use tch::{Device, Tensor};
 
 fn spec() -> ModelSpec {
-    let stage =
+    let segment_transformer =
         MacroSpec { layers: 2, heads: 4, ffn_width: 48, rwse_steps: 3, centroids: true, offsets: true };
+    let small = m4gn_samples::model::bodies();
     ModelSpec {
-        format: 1,
-        dim: 3,
         stride: 0.05,
-        fields: vec![FieldSpec {
-            name: "D".into(),
-            vector: true,
-            dimensions: [0, 1, 0, 0, 0, 0, 0],
-            input: false,
-            output: Output::Delta,
-            floor: None,
-        }],
-        node_types: vec![NodeType::Obstacle, NodeType::Body, NodeType::Handle],
         architecture: Architecture {
             width: 32,
-            hidden_layers: 1,
-            activation: Activation::Relu,
-            micro: MicroSpec::default(),
-            kind: Kind::M4gn(M4gn { layers_before: 2, layers_after: 2, segment_transformer: stage }),
+            kind: Kind::M4gn(M4gn { layers_before: 2, layers_after: 2, segment_transformer }),
+            ..small.architecture
         },
         contact: Some(ContactSpec { radius: 0.6 }),
-        resolution: None,
         segments: SegmentSpec {
             method: SegmentMethod::SlicExp,
             count: 6,
@@ -49,10 +35,7 @@ fn spec() -> ModelSpec {
             modes: 1,
             ..Default::default()
         },
-        precision: Precision::Fp32,
-        trained_on: None,
-        calibration: None,
-        training: serde_json::Value::Null,
+        ..small
     }
 }
 
@@ -85,7 +68,7 @@ fn same_steps(spec: &ModelSpec) {
     let mut session = Session::new(Comm::serial(), &body.mesh(Some(&obstacle)), &model, &options).unwrap();
 
     let mesh = body.mesh(Some(&obstacle));
-    let sample = m4gn_learn::samples::Sample::of_mesh(&mesh, spec, &spec.segments, None, None).unwrap();
+    let sample = m4gn_learn::samples::Sample::of_mesh(&mesh, spec, &spec.segments, None).unwrap();
     let sample = Sample::new(&std::sync::Arc::new(sample), spec, Device::Cpu).unwrap();
     let layout = Layout::new(spec);
     let weights = layout.views(&Tensor::from_slice(&layout.flatten(&model).unwrap()), false);

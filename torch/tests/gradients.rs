@@ -7,10 +7,9 @@ use m4gn_engine::backward::Layout;
 use m4gn_learn::normaliser::Normaliser;
 use m4gn_learn::samples::Sample;
 use m4gn_learn::{Backend, Batch, Example, Learned, NativeBackend, Rollout, Workload};
-use m4gn_mesh::NodeType;
 use m4gn_model::{
-    Activation, Architecture, ContactSpec, FieldSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec,
-    NodeSums, Output, SegmentMethod, SegmentSpec, WorldEdges,
+    Activation, Architecture, ContactSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, NodeSums,
+    Output, SegmentMethod, SegmentSpec, WorldEdges,
 };
 use m4gn_samples::training as sample;
 use m4gn_torch::backend::TorchBackend;
@@ -19,48 +18,20 @@ use m4gn_train::config::Config;
 use tch::Device;
 
 fn spec() -> ModelSpec {
-    let field = |name: &str, vector, dimensions, output| FieldSpec {
-        name: name.into(),
-        vector,
-        dimensions,
-        input: true,
-        output,
-        floor: None,
-    };
+    let segment_transformer =
+        MacroSpec { layers: 2, heads: 4, ffn_width: 24, rwse_steps: 3, centroids: true, offsets: true };
+    let small = m4gn_samples::model::spec();
     ModelSpec {
-        format: 1,
-        dim: 2,
         stride: 0.02,
-        fields: vec![
-            field("U", true, [0, 1, -1, 0, 0, 0, 0], Output::Delta),
-            field("p", false, [0, 2, -2, 0, 0, 0, 0], Output::Value),
-        ],
-        node_types: vec![NodeType::Fluid, NodeType::Wall, NodeType::Inlet, NodeType::Outlet],
         architecture: Architecture {
             width: 32,
             hidden_layers: 2,
             activation: Activation::Silu,
-            micro: MicroSpec::default(),
-            kind: Kind::M4gn(M4gn {
-                layers_before: 2,
-                layers_after: 1,
-                segment_transformer: MacroSpec {
-                    layers: 2,
-                    heads: 4,
-                    ffn_width: 24,
-                    rwse_steps: 3,
-                    centroids: true,
-                    offsets: true,
-                },
-            }),
+            kind: Kind::M4gn(M4gn { layers_before: 2, layers_after: 1, segment_transformer }),
+            ..small.architecture
         },
-        contact: None,
-        resolution: None,
         segments: SegmentSpec { method: SegmentMethod::Metis, count: 4, ..Default::default() },
-        precision: Precision::Fp32,
-        trained_on: None,
-        calibration: None,
-        training: serde_json::Value::Null,
+        ..small
     }
 }
 
@@ -131,7 +102,7 @@ fn solids(spec: &ModelSpec) -> Workload {
         let body = m4gn_samples::bodies::block([length, 2, 2], [3.0, 1.0, 1.0]);
         let obstacle = m4gn_samples::bodies::octahedron([2.6, 0.5, 1.6], 0.5);
         let mesh = body.mesh(Some(&obstacle));
-        let mut sample = Sample::of_mesh(&mesh, spec, &spec.segments, None, None).unwrap();
+        let mut sample = Sample::of_mesh(&mesh, spec, &spec.segments, None).unwrap();
         sample.n_frames = 8;
         for frame in 0..sample.n_frames {
             let t = 0.1 * frame as f32;
@@ -297,20 +268,14 @@ fn gradients_in_bf16_are_those_of_libtorch() {
 
 #[test]
 fn gradients_of_bodies_are_those_of_libtorch() {
-    let mut spec = spec();
-    spec.dim = 3;
-    spec.fields = vec![FieldSpec {
-        name: "D".into(),
-        vector: true,
-        dimensions: [0, 1, 0, 0, 0, 0, 0],
-        input: false,
-        output: Output::Delta,
-        floor: None,
-    }];
-    spec.node_types = vec![NodeType::Obstacle, NodeType::Body, NodeType::Handle];
-    spec.contact = Some(ContactSpec { radius: 0.6 });
-    spec.segments.method = SegmentMethod::SlicExp;
-    spec.segments.modes = 1;
+    let (flow, bodies) = (spec(), m4gn_samples::model::bodies());
+    let mut spec = ModelSpec {
+        stride: flow.stride,
+        architecture: flow.architecture,
+        contact: Some(ContactSpec { radius: 0.6 }),
+        segments: SegmentSpec { method: SegmentMethod::SlicExp, modes: 1, ..flow.segments },
+        ..bodies
+    };
     for (name, micro) in [
         ("bodies", MicroSpec::default()),
         ("world edges apart", MicroSpec { world_edges: WorldEdges::Apart, ..MicroSpec::default() }),

@@ -2,12 +2,12 @@
 //! of graphs against single ones.
 
 use m4gn_engine::{Engine, EngineOptions, Forward};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Mesh, NodeType};
+use m4gn_mesh::Mesh;
 use m4gn_model::{
-    Activation, Architecture, FieldSpec, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, NodeSums, Output,
-    Precision, SegmentMethod, SegmentSpec,
+    Activation, Architecture, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, NodeSums, SegmentMethod,
+    SegmentSpec,
 };
+use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use m4gn_structure::Structure;
 use m4gn_torch::inference::Inference;
@@ -17,28 +17,11 @@ use m4gn_torch::weights::Layout;
 use tch::{Device, Kind, Tensor};
 
 fn spec(architecture: Architecture, overlap: usize) -> ModelSpec {
-    let field = |name: &str, vector, output| FieldSpec {
-        name: name.into(),
-        vector,
-        dimensions: [0; 7],
-        input: true,
-        output,
-        floor: None,
-    };
     ModelSpec {
-        format: 1,
-        dim: 2,
         stride: 0.05,
-        fields: vec![field("U", true, Output::Delta), field("p", false, Output::Value)],
-        node_types: vec![NodeType::Fluid, NodeType::Wall, NodeType::Inlet, NodeType::Outlet],
         architecture,
-        contact: None,
-        resolution: None,
         segments: SegmentSpec { method: SegmentMethod::Metis, count: 6, overlap, ..Default::default() },
-        precision: Precision::Fp32,
-        trained_on: None,
-        calibration: None,
-        training: serde_json::Value::Null,
+        ..m4gn_samples::model::spec()
     }
 }
 

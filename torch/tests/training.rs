@@ -1,22 +1,14 @@
 //! Trainings from data on disk to model files: they learn, and stop and go on exactly.
 
-use m4gn_mesh::Error;
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::Error;
 use m4gn_model::Model;
-use m4gn_samples::training as sample;
-use m4gn_samples::training::request;
+use m4gn_parallel::Comm;
+use m4gn_samples::training::{folder, losses, request};
 use m4gn_torch::backend::TorchBackend;
 use m4gn_torch::device::parse_device;
 use m4gn_train::Request;
 use m4gn_train::checkpoint::Checkpoint;
 use std::sync::atomic::{AtomicU8, Ordering};
-
-fn data() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::create_dir(folder.path().join("data")).unwrap();
-    sample::write_data(&folder.path().join("data"), 3).unwrap();
-    folder
-}
 
 fn train(request: &Request, stop: &AtomicU8) -> Result<serde_json::Value, Error> {
     let device = parse_device(request.device.as_deref().unwrap_or("cpu"))?;
@@ -35,7 +27,7 @@ fn state(request: &Request) -> (u64, Vec<Vec<f32>>) {
 
 #[test]
 fn resumed_training_is_the_uninterrupted_one_bit_for_bit() {
-    let folder = data();
+    let folder = folder();
     let whole = request(folder.path(), "whole", "", 12);
     run(&whole).unwrap();
     // In pieces, one in the normalisers' accumulation and one across the change of the unrolling; on two threads
@@ -73,24 +65,16 @@ fn resumed_training_is_the_uninterrupted_one_bit_for_bit() {
     };
     assert_eq!(steps(&whole), ["2", "4", "6", "8", "10", "12"]);
     assert_eq!(steps(&parts), ["2", "3", "4", "6", "8", "10", "12"]);
-    let last = |r: &Request| {
-        std::fs::read_to_string(r.log())
-            .unwrap()
-            .lines()
-            .last()
-            .map(|l| l.split(',').nth(4).unwrap().to_string())
-    };
+    let last = |r: &Request| losses(r).last().copied();
     assert_eq!(last(&whole), last(&parts), "the loss of the interval that was interrupted");
 }
 
 #[test]
 fn training_lowers_the_loss_and_leaves_a_model() {
-    let folder = data();
+    let folder = folder();
     let request = request(folder.path(), "model", "validation_interval = 100", 150);
     let figures = run(&request).unwrap();
-    let text = std::fs::read_to_string(request.log()).unwrap();
-    let loss: Vec<f64> =
-        text.lines().skip(1).map(|l| l.split(',').nth(4).unwrap().parse().unwrap()).collect();
+    let loss = losses(&request);
     // The first row is the normalisers' warm-up.
     assert!(loss.last().unwrap() < &(0.3 * loss[1]), "{loss:?}");
     let ratio =
@@ -106,18 +90,16 @@ fn training_lowers_the_loss_and_leaves_a_model() {
 
 #[test]
 fn bfloat16_products_train_as_well() {
-    let folder = data();
+    let folder = folder();
     let request = request(folder.path(), "half", "precision = \"bf16\"", 60);
     run(&request).unwrap();
-    let text = std::fs::read_to_string(request.log()).unwrap();
-    let loss: Vec<f64> =
-        text.lines().skip(1).map(|l| l.split(',').nth(4).unwrap().parse().unwrap()).collect();
+    let loss = losses(&request);
     assert!(loss.last().unwrap() < &(0.7 * loss[1]), "{loss:?}");
 }
 
 #[test]
 fn what_does_not_fit_is_refused_before_anything_is_written() {
-    let folder = data();
+    let folder = folder();
     let mut first = request(folder.path(), "first", "", 2);
     run(&first).unwrap();
     let again = run(&first).unwrap_err().to_string();
@@ -159,7 +141,7 @@ fn what_does_not_fit_is_refused_before_anything_is_written() {
 
 #[test]
 fn what_libtorch_does_not_know_is_refused() {
-    let folder = data();
+    let folder = folder();
     for (key, value) in [("noise_spread", "2.0"), ("noise_correction", "0.5")] {
         let error = run(&request(folder.path(), key, &format!("{key} = {value}"), 3)).unwrap_err();
         let text = error.to_string();

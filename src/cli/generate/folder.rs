@@ -2,7 +2,7 @@
 
 use super::Common;
 use clap::{CommandFactory, FromArgMatches};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_workbench::generate::case::FamilyCase;
 use m4gn_workbench::generate::family::{self, Family, settings_text};
 use m4gn_workbench::generate::openfoam::{environment, plain_path};
@@ -50,7 +50,7 @@ fn setting(text: &str) -> std::result::Result<(String, Setting), String> {
 pub(super) fn run(arguments: &[OsString]) -> Result<()> {
     let (name, options) = arguments
         .split_first()
-        .ok_or_else(|| m4gn_mesh::Error::Internal("a family without a name".into()))?;
+        .ok_or_else(|| m4gn_base::Error::Internal("a family without a name".into()))?;
     let family = Family::find(Path::new(name))?;
     let command = Args::command()
         .bin_name(format!("m4gn generate {}", name.to_string_lossy()))

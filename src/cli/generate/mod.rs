@@ -5,8 +5,8 @@ mod solids;
 mod tally;
 
 use super::{progress_bar, stop_flag, write_json};
+use m4gn_base::Result;
 use m4gn_data::Split;
-use m4gn_mesh::Result;
 use m4gn_workbench::generate::automatic_split;
 use m4gn_workbench::generate::process::Surroundings;
 use m4gn_workbench::generate::queue::{Case, Made, Outcome, Queue};

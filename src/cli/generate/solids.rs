@@ -1,8 +1,8 @@
 //! `m4gn generate deforming-plate`, `deforming-beam` and `stacked-beams`.
 
 use super::{Common, positive};
-use m4gn_mesh::plugin::places;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::plugin::places;
+use m4gn_base::{Error, Result};
 use m4gn_workbench::generate::openfoam::{absolute, one_thread};
 use m4gn_workbench::generate::process::find_program;
 use m4gn_workbench::generate::queue::Made;

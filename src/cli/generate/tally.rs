@@ -1,6 +1,6 @@
 //! What became of the cases of a data set.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use serde_json::{Value, json};
 use std::path::Path;
 

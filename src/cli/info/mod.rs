@@ -3,8 +3,9 @@
 mod body;
 
 use super::write_json;
+use m4gn_base::{Error, Result};
 use m4gn_data::{Frame, Split, Trajectory, list};
-use m4gn_mesh::{Error, Mesh, NodeType, Result};
+use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{Kind, Model, NodeSums, TrainedOn, WorldEdges};
 use m4gn_report::number;
 use serde_json::{Value, json};

@@ -1,45 +1,39 @@
 //! What `m4gn segment` is told.
 
-use m4gn_mesh::{NodeType, Result};
+use m4gn_base::Result;
+use m4gn_base::settings;
+use m4gn_mesh::NodeType;
 use m4gn_model::MAX_SEGMENTS;
 use m4gn_model::modal::ModalSolver;
-use m4gn_model::{SegmentEntries, SegmentMethod, settings};
+use m4gn_model::{SegmentEntries, SegmentMethod, SegmentSpec};
 use serde_json::{Map, Value};
 use std::path::PathBuf;
 
 /// Cut the mesh of a case or a trajectory into segments, and say how good they are
 ///
-/// Prints the eigenvalues of the modes, and for each method and number of segments K conductance (lower is better), edge-cut
-/// ratio (lower) and silhouette (higher), sweeps, time and memory. Of several K the one with the largest silhouette is
-/// suggested.
+/// Prints the eigenvalues of the modes, conductance (lower is better), edge-cut ratio (lower) and silhouette (higher) of the
+/// segments, sweeps, time and memory.
 ///
 /// Segments and modes are written for ParaView and for later runs: in a case as the fields m4gnSegment and m4gnMode1,
 /// m4gnMode2, ... in the folder of its start time, where m4gnSurrogate finds them; for a trajectory as points with values
 /// where --vtu says.
 ///
 /// What is not given is taken from the entry 'segments' of the case's function object (m4gnSurrogate, m4gnSegments or
-/// m4gnHarvest),
+/// m4gnRecorder),
 /// then from the model that it names or that --model names.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// OpenFOAM case, trajectory (*.h5), or folder of trajectories, whose first is taken
     #[arg(value_name = "CASE|DATA")]
     pub(super) path: PathBuf,
-    /// Number of segments K [default: the case's, the model's, the suggested one of --sweep, or 36]
+    /// Number of segments K [default: the case's, the model's, or 36]
     #[arg(long, value_name = "K", value_parser = count)]
     pub(super) segments: Option<usize>,
-    /// Numbers of segments to compare
-    #[arg(long, value_name = "K1,K2,...", value_delimiter = ',', value_parser = count)]
-    pub(super) sweep: Vec<usize>,
-    /// Methods to compare: metis, slic-md, slic-mdodl, slic-mdode. The first one is written [default: all that the
-    /// mesh has use for; written is the case's, the model's, or slic-md]
-    #[arg(long, value_name = "METHOD,...", value_delimiter = ',', value_parser = method)]
-    pub(super) method: Vec<SegmentMethod>,
-    /// Number of Laplacian modes m [default: 6]
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_parser = method, help = methods())]
+    pub(super) method: Option<SegmentMethod>,
+    #[arg(long, value_name = "M", help = default_of("modes"))]
     pub(super) modes: Option<usize>,
-    /// The way to the modes: auto, direct or iterative [default: auto, by size]
-    #[arg(long, value_name = "SOLVER", value_parser = modal_solver)]
+    #[arg(long, value_name = "SOLVER", value_parser = modal_solver, help = default_of("modal_solver"))]
     pub(super) modal_solver: Option<ModalSolver>,
     /// Another entry of 'segments', as in a dictionary (docs/dictionary.md): tau=0.5, overlap=1, obstacles=["wing"]; may be repeated
     #[arg(long, value_name = "ENTRY=VALUE", value_parser = entry)]
@@ -54,9 +48,6 @@ pub struct Args {
     /// Write the figures to this file
     #[arg(long, value_name = "FILE")]
     pub(super) json: Option<PathBuf>,
-    /// Write a picture of the segments of each method and of the first modes to this file; 2-D only
-    #[arg(long, value_name = "FILE.png")]
-    pub(super) picture: Option<PathBuf>,
     /// Write the segments and modes of a trajectory to this file
     #[arg(long, value_name = "FILE.vtu")]
     pub(super) vtu: Option<PathBuf>,
@@ -72,11 +63,11 @@ impl Args {
     /// What the command line says of the segments.
     ///
     /// # Errors
-    /// [`Error::Input`](m4gn_mesh::Error::Input) for an entry that is unknown or not of its type.
+    /// [`Error::Input`](m4gn_base::Error::Input) for an entry that is unknown or not of its type.
     pub(super) fn entries(&self) -> Result<SegmentEntries> {
         let mut entries: Map<String, Value> = self.set.iter().cloned().collect();
         let named = [
-            ("method", self.method.first().map(|m| m.name().into())),
+            ("method", self.method.map(|m| m.name().into())),
             ("count", self.segments.map(Value::from)),
             ("modes", self.modes.map(Value::from)),
             ("modal_solver", self.modal_solver.map(|s| serde_json::json!(s))),
@@ -84,6 +75,21 @@ impl Args {
         entries.extend(named.into_iter().filter_map(|(name, value)| Some((name.into(), value?))));
         settings::parse("--set", &Value::Object(entries).to_string(), &[])
     }
+}
+
+/// What an entry of segments means, and its default.
+fn default_of(name: &str) -> String {
+    let table = SegmentSpec::table();
+    let default = table.entries.iter().find(|e| e.name == name).and_then(|e| e.default.clone());
+    format!("{} [default: {}]", table.help(name), default.unwrap_or_default().to_string().trim_matches('"'))
+}
+
+fn methods() -> String {
+    format!(
+        "{} [default: the case's, the model's, or {}]",
+        SegmentSpec::table().help("method"),
+        SegmentSpec::default().method
+    )
 }
 
 fn entry(text: &str) -> std::result::Result<(String, Value), String> {
@@ -99,7 +105,7 @@ fn count(text: &str) -> std::result::Result<usize, String> {
 }
 
 fn method(text: &str) -> std::result::Result<SegmentMethod, String> {
-    SegmentMethod::parse(text.trim()).map_err(|e| e.to_string())
+    SegmentMethod::parse(text).map_err(|e| e.to_string())
 }
 
 fn modal_solver(text: &str) -> std::result::Result<ModalSolver, String> {

@@ -1,15 +1,15 @@
 //! Where the mesh comes from, and where segments and modes go.
 
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
 use m4gn_data as dataset;
 use m4gn_data::Trajectory;
-use m4gn_mesh::{Error, Result};
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::modal::ModalOptions;
-use m4gn_model::{ModalOperator, Model, ModelSpec, SegmentEntries, settings};
-use m4gn_report::{CellMap, Grid, write_file};
+use m4gn_model::{ModalOperator, Model, ModelSpec, SegmentEntries, SegmentSpec};
+use m4gn_report::{Grid, write_file};
 use m4gn_workbench::foam_case::FoamCase;
 use m4gn_workbench::foam_case::Stored as Origin;
-use m4gn_workbench::survey;
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 
@@ -103,12 +103,12 @@ impl Input {
     ///
     /// # Errors
     /// What [`FoamCase::elastic_modes`] fails with.
-    pub fn add_elastic_modes(&mut self, mesh: &mut Mesh, options: &survey::Options) -> Result<()> {
-        let wanted = options.spec.operator != Some(ModalOperator::Laplacian);
+    pub fn add_elastic_modes(&mut self, mesh: &mut Mesh, spec: &SegmentSpec) -> Result<()> {
+        let wanted = spec.operator != Some(ModalOperator::Laplacian);
         if let Input::Case(case) = self
             && wanted
         {
-            let modal = ModalOptions { count: options.spec.modes.max(1), ..options.spec.modal() };
+            let modal = ModalOptions { count: spec.modes.max(1), ..spec.modal() };
             mesh.elastic = case.elastic_modes(&modal)?;
         }
         Ok(())
@@ -124,7 +124,7 @@ impl Input {
             return Ok(None);
         };
         // As the function object looks for it.
-        let home = m4gn_mesh::plugin::folder_variable("M4GN_HOME");
+        let home = m4gn_base::plugin::folder_variable("M4GN_HOME");
         let homes = home.iter().flat_map(|h| [h.join("models"), h.clone()]);
         let case = match self {
             Input::Case(case) => PathBuf::from(&case.description().path),
@@ -153,20 +153,6 @@ impl Input {
         match self {
             Input::Case(case) => case.description().function_object.clone(),
             Input::Data(_) => Map::new(),
-        }
-    }
-
-    /// The cells as a picture shows them; none in 3-D.
-    ///
-    /// # Errors
-    /// OpenFOAM's message.
-    pub fn map(&mut self, mesh: &Mesh, width: usize) -> Result<Option<CellMap>> {
-        match self {
-            Input::Case(case) => {
-                let polygons = case.polygons()?;
-                Ok(CellMap::from_polygons(&polygons.start, &polygons.points, width))
-            }
-            Input::Data(_) => Ok(CellMap::from_mesh(mesh, width)),
         }
     }
 

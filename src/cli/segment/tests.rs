@@ -1,6 +1,7 @@
 use super::*;
 use clap::Parser;
 use m4gn_mesh::NodeType;
+use m4gn_model::SegmentMethod;
 use m4gn_samples::mesh as sample;
 
 #[derive(Debug, Parser)]
@@ -14,19 +15,17 @@ fn args(line: &str) -> std::result::Result<Args, String> {
     Line::try_parse_from(words).map(|l| l.args).map_err(|e| e.to_string())
 }
 
-/// What is compared on the data set's mesh, without a case or a model that says anything.
-fn options(line: &str, mesh: &Mesh) -> Result<Options> {
+/// What is cut on this mesh, without a case or a model that says anything.
+fn spec(line: &str, mesh: &Mesh) -> Result<SegmentSpec> {
     let args = args(line).unwrap();
-    let wanted = Wanted::new(&args, None, &SegmentEntries::default())?;
-    wanted.options(&args, mesh)
+    fitted(wanted(&args, None, &SegmentEntries::default())?, args.modes.is_none(), mesh)
 }
 
 #[test]
 fn bad_usage() {
     for (line, text) in [
         ("case --segments 0", "expected a number from 1"),
-        ("case --sweep 4,x", "expected a number from 1"),
-        ("case --sweep 4,99999", "8192"),
+        ("case --segments 99999", "8192"),
         ("case --method slick", "expected metis, slic-md"),
         ("case --node-type cylinder", "PATCH=TYPE"),
         ("case --node-type cylinder=fluid", "wall, inlet"),
@@ -36,37 +35,62 @@ fn bad_usage() {
         let message = args(line).unwrap_err();
         assert!(message.contains(text), "{line}: {message}");
     }
-    let good = args("case --node-type cylinder=obstacle --method slic,metis").unwrap();
+    let good = args("case --node-type cylinder=obstacle --method slic").unwrap();
     assert_eq!(good.node_type, [("cylinder".to_string(), NodeType::Obstacle)]);
-    assert_eq!(good.method, [SegmentMethod::Slic, SegmentMethod::Metis]);
+    assert_eq!(good.method, Some(SegmentMethod::Slic));
 }
 
 #[test]
-fn numbers_of_segments_and_methods() {
+fn entries_and_what_a_mesh_refuses() {
     let mesh = sample::rectangle(10, 10, 1.0, 1.0);
-    let o = options("case", &mesh).unwrap();
-    assert_eq!((o.counts, o.methods.len(), o.spec.modes), (vec![36], 4, 6));
-    let o = options("case --sweep 9,4,9 --method metis,metis", &mesh).unwrap();
-    assert_eq!((o.counts, o.methods), (vec![4, 9], vec![SegmentMethod::Metis]));
-    let o =
-        options("case --sweep 9,4 --segments 16 --set connected=false --set tau=0.5 --set size=0.1", &mesh)
-            .unwrap();
-    assert_eq!((o.counts, o.spec.connected), (vec![4, 9, 16], false));
-    assert_eq!((o.spec.tau, o.spec.size), (0.5, Some(0.1)));
-    assert!(options("case --set taw=1", &mesh).unwrap_err().to_string().contains("is tau meant?"));
-    let error = options("case --segments 101", &mesh).unwrap_err().to_string();
+    let s = spec("case", &mesh).unwrap();
+    assert_eq!((s.count, s.method, s.modes), (36, SegmentMethod::Slic, 6));
+    let line = "case --segments 16 --method metis --set connected=false --set tau=0.5 --set size=0.1";
+    let s = spec(line, &mesh).unwrap();
+    assert_eq!((s.count, s.method, s.connected), (16, SegmentMethod::Metis, false));
+    assert_eq!((s.tau, s.size), (0.5, Some(0.1)));
+    assert!(spec("case --set taw=1", &mesh).unwrap_err().to_string().contains("is tau meant?"));
+    let error = spec("case --segments 101", &mesh).unwrap_err().to_string();
     assert!(error.contains("101 segments for 100 cells: expected 1 to 100"), "{error}");
-    assert!(options("case --set tau=-1", &mesh).is_err());
-    let error = options(r#"case --set obstacles=["wing"]"#, &mesh).unwrap_err().to_string();
+    assert!(spec("case --set tau=-1", &mesh).is_err());
+    let error = spec(r#"case --set obstacles=["wing"]"#, &mesh).unwrap_err().to_string();
     assert!(error.contains("wing is no patch"), "{error}");
 }
 
 #[test]
 fn two_cells_have_one_mode() {
     let mesh = sample::chain(2, 1.0);
-    let o = options("case --segments 2", &mesh).unwrap();
-    assert_eq!(o.spec.modes, 1);
+    let s = spec("case --segments 2", &mesh).unwrap();
+    assert_eq!(s.modes, 1);
     // Who asks for more is told.
-    let error = options("case --segments 2 --modes 2", &mesh).unwrap_err().to_string();
+    let error = spec("case --segments 2 --modes 2", &mesh).unwrap_err().to_string();
     assert!(error.contains("2 modes of 2 cells: expected at most 1"), "{error}");
+}
+
+/// A chain of four cells with two segments, known on paper: one of three edges is cut, and each segment has a volume of 3
+/// (degrees 1 + 2) that one edge leaves.
+#[test]
+fn a_chain_on_paper() {
+    let (mesh, comm) = (sample::chain(4, 4.0), Comm::serial());
+    let spec = spec("case --segments 2 --method metis --modes 0", &mesh).unwrap();
+    let cut = Cut::new(&mesh, &mut Graph::new(&mesh, &comm).unwrap(), &spec, &comm).unwrap();
+    let json = cut.json();
+    for figure in ["conductance", "edge_cut_ratio"] {
+        assert!((json[figure].as_f64().unwrap() - 1.0 / 3.0).abs() < 1e-12, "{json}");
+    }
+    // Ends: a = 1, b = 2.5; inner cells: a = 1, b = 1.5.
+    assert!((json["silhouette"].as_f64().unwrap() - 0.5 * (1.5 / 2.5 + 0.5 / 1.5)).abs() < 1e-9, "{json}");
+    assert_eq!((&json["smallest"], &json["largest"], &json["sweeps"]), (&2.into(), &2.into(), &0.into()));
+    assert_eq!((&json["eigenvalues"], &json["converged"]), (&serde_json::json!([]), &true.into()));
+    assert!(cut.text().starts_with("metis, 2 segments of 2 to 2 cells in "), "{}", cut.text());
+}
+
+/// Methods that need an obstacle say so.
+#[test]
+fn no_wall_no_distance_to_it() {
+    let (mut mesh, comm) = (sample::rectangle(3, 2, 3.0, 2.0), Comm::serial());
+    mesh.boundary.clear();
+    let spec = spec("case --segments 2 --method slic-mdode --modes 1", &mesh).unwrap();
+    let error = Cut::new(&mesh, &mut Graph::new(&mesh, &comm).unwrap(), &spec, &comm).err().unwrap();
+    assert!(error.to_string().contains("obstacle"), "{error}");
 }

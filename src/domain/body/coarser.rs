@@ -2,9 +2,10 @@
 //! that of each state. World edges are of the finest graph alone.
 
 use super::graph::{Body, MeshEdge, N_FEATURES, by_ends, mesh_features};
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::Result;
+use m4gn_mesh::Mesh;
 use m4gn_mesh::vector::norm;
-use m4gn_mesh::{Mesh, Result};
+use m4gn_parallel::Comm;
 use m4gn_structure::graph::Graph;
 use m4gn_structure::{Level, bi_stride};
 

@@ -3,10 +3,10 @@
 use super::coarser;
 use super::graph::{Body, MeshEdge, by_ends};
 use crate::{Boundary, Components, Domain};
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::vector::Vector;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::N_CONTACT_INPUTS;
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 
 impl Body {

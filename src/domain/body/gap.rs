@@ -1,6 +1,6 @@
 //! The gap between a body's skin and a rigid obstacle, as the generator of the data measures it.
 
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_mesh::elements::Elements;
 use m4gn_mesh::surface::Surface;
 use m4gn_mesh::vector::{Vector, norm, sub};

@@ -16,12 +16,12 @@ use super::part::BodyPart;
 use super::skins::Skins;
 use crate::{Boundary, Components};
 pub(super) use edges::{by_ends, mesh_features};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::NodeType;
-use m4gn_mesh::parallel::{Comm, Halo};
 use m4gn_mesh::surface::Surface;
 use m4gn_mesh::vector::{Vector, sub};
-use m4gn_mesh::{Error, Result};
 use m4gn_model::ModelSpec;
+use m4gn_parallel::{Comm, Halo};
 use m4gn_structure::graph::Graph;
 
 /// Bodies at points with an obstacle. Its nodes are its own points, on the first rank the obstacle's, and ghosts.

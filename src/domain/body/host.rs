@@ -1,23 +1,19 @@
-//! A body in a host's run: an obstacle with prescribed motion, what the stride before says, and contact projection after the step.
-
-mod given;
+//! A body in a host's run, and an obstacle with prescribed motion.
 
 use super::Made;
-use super::correction::Correction;
 use super::graph::Body;
-use super::history::{History, Origin, State};
-use super::projection::{Projection, ProjectionReport, check_start};
+use super::start::check_start;
 use crate::field::expect_shape;
 use crate::host::{Host, HostOptions, Hosted, Predict};
 use crate::{Domain, Field};
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
 use m4gn_mesh::body::Obstacle;
-use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::vector::Vector;
-use m4gn_mesh::{Error, Mesh, Result};
-use m4gn_model::{ModelSpec, SegmentSpec, Solid, cell_size};
-use m4gn_structure::Structure;
+use m4gn_model::{ModelSpec, Solid, cell_size};
+use m4gn_parallel::Comm;
 
-/// A displacement beyond which no solver would take on, m; contact projection and search trees need not either.
+/// A displacement beyond which no solver would take on, m; search trees need not either.
 const FARTHEST: f64 = 1e6;
 
 /// A body whose points a host has.
@@ -29,7 +25,6 @@ pub struct BodyHost {
     place: Vec<usize>,
     /// Own points of the body, as numbers of the whole body.
     points: Vec<u32>,
-    n_points: usize,
     obstacle: Option<Obstacle>,
     /// What the body's elements are made of.
     solid: Solid,
@@ -41,9 +36,6 @@ pub struct BodyHost {
     next: Vec<f32>,
     /// Change of the displacement of the own points `[n x 3]`, as the network says.
     outputs: Vec<f32>,
-    projection: Option<(Projection, ProjectionReport)>,
-    /// Of the network by what it was off by over the stride before a hand-over, where its model says so, and what is known of that stride.
-    correction: Option<(History, Correction)>,
 }
 
 impl BodyHost {
@@ -51,16 +43,7 @@ impl BodyHost {
     pub(crate) fn open(mesh: &Mesh, spec: &ModelSpec, options: &HostOptions, comm: &Comm) -> Result<Hosted> {
         let (whole, ranks) = mesh.whole_body(comm)?;
         let obstacle = mesh.obstacle.as_ref();
-        let projection = match options.projection {
-            Some(settings) => {
-                let made = comm.agree(Projection::new(&whole, obstacle, settings))?;
-                Some((made, ProjectionReport::default()))
-            }
-            None => {
-                comm.agree(check_start(&whole, obstacle))?;
-                None
-            }
-        };
+        comm.agree(check_start(&whole, obstacle))?;
         let made = Made::new((&whole, &ranks, obstacle), spec, options.segments, None, options.modes, comm)?;
         let Made { part, body, structure } = made;
         let place = |g: &i64| part.points.binary_search(&(*g as u32)).unwrap_or_default();
@@ -71,12 +54,9 @@ impl BodyHost {
             (count, place.iter().map(|&i| s.node_segment[i]).collect())
         });
         let size = cell_size(&part.mesh, comm);
-        let carried = spec.calibration.as_ref().and_then(|c| c.carried);
-        let carried = carried.filter(|&decay| decay > 0.0);
         let local = 3 * body.n_local();
         let host = BodyHost {
             field: spec.fields[0].name.clone(),
-            n_points: whole.positions.len(),
             obstacle: obstacle.cloned(),
             solid: Solid::of_body(&whole),
             motion: None,
@@ -86,8 +66,6 @@ impl BodyHost {
             points: part.points,
             place,
             body,
-            projection,
-            correction: carried.map(|decay| (History::new(size), Correction::new(decay))),
         };
         Ok(Hosted {
             host: Box::new(host),
@@ -112,22 +90,8 @@ impl BodyHost {
         };
         let checked = motion.and_then(|m| self.check(displacement, "now").map(|()| m));
         let [now, after] = comm.agree(checked)?;
-        let correction = match &mut self.correction {
-            Some((history, _)) => {
-                let start = State { body: displacement.to_vec(), obstacle: now.clone() };
-                let origin = history.origin(comm, &start);
-                self.correct(comm, network, origin, [&start.body, &now, &after])?
-            }
-            None => None,
-        };
         self.predict(comm, network, displacement, [&now, &after])?;
-        let mut end = comm.agree(self.moved(displacement, correction.as_deref()))?;
-        self.project(comm, &mut end, &after)?;
-        if let Some((history, _)) = &mut self.correction {
-            // What the projection corrected is part of the change.
-            let start = State { body: displacement.to_vec(), obstacle: now };
-            history.done(start, State { body: end.clone(), obstacle: after });
-        }
+        let end = comm.agree(self.moved(displacement))?;
         displacement.copy_from_slice(&end);
         Ok(())
     }
@@ -151,52 +115,13 @@ impl BodyHost {
         Ok(())
     }
 
-    /// What the network's change in a step from a state is to be corrected by, at the host's own points, m; None: by nothing. At a
-    /// hand-over this takes a step of the network, from the state one stride before. Collective; all ranks fail together.
-    fn correct(
-        &mut self,
-        comm: &Comm,
-        network: &mut dyn Predict,
-        origin: Origin,
-        [body, now, after]: [&[Vector]; 3],
-    ) -> Result<Option<Vec<Vector>>> {
-        let before = match origin {
-            Origin::Step(start) => start.obstacle,
-            Origin::Solver(before) => {
-                self.predict(comm, network, &before.body, [&before.obstacle, now])?;
-                let of_free = |p: usize, u: Vector| match self.body.is_held(self.place[p]) {
-                    true => [0.0; 3],
-                    false => u,
-                };
-                let changes = self.outputs.as_chunks::<3>().0;
-                let n = body.len();
-                let was = (0..n).map(|p| of_free(p, std::array::from_fn(|k| body[p][k] - before.body[p][k])));
-                let said = (0..n).map(|p| of_free(p, changes[self.place[p]].map(f64::from)));
-                let (was, said): (Vec<Vector>, Vec<Vector>) = (was.collect(), said.collect());
-                if let Some((_, correction)) = &mut self.correction {
-                    correction.measure(comm, (&was, &said));
-                }
-                before.obstacle
-            }
-            Origin::Unknown => {
-                self.weights_changed();
-                return Ok(None);
-            }
-        };
-        let next = self.correction.as_mut().and_then(|(_, c)| c.next([&before, now, after]));
-        let scaled =
-            |(weight, error): (f64, &[Vector])| error.iter().map(|e| e.map(|v| weight * v)).collect();
-        Ok(next.map(scaled))
-    }
-
-    /// The displacement of the host's own points after the change that the network says, and a correction of it; held points stay.
-    fn moved(&self, displacement: &[Vector], correction: Option<&[Vector]>) -> Result<Vec<Vector>> {
+    /// The displacement of the host's own points after the change that the network says; held points stay.
+    fn moved(&self, displacement: &[Vector]) -> Result<Vec<Vector>> {
         let changes = self.outputs.as_chunks::<3>().0;
         let mut end = displacement.to_vec();
-        let own = self.place.iter().zip(&mut end).enumerate();
-        for (p, (&i, u)) in own.filter(|(_, (i, _))| !self.body.is_held(**i)) {
+        for (&i, u) in self.place.iter().zip(&mut end).filter(|(i, _)| !self.body.is_held(**i)) {
             for k in 0..3 {
-                u[k] += f64::from(changes[i][k]) + correction.map_or(0.0, |c| c[p][k]);
+                u[k] += f64::from(changes[i][k]);
             }
             if !u.iter().all(|v| v.abs() < FARTHEST) {
                 return Err(Error::Numerical(format!(
@@ -209,24 +134,49 @@ impl BodyHost {
         Ok(end)
     }
 
-    /// Pushes the body out of the obstacle. Every rank does so with the whole body, and to the same effect.
-    fn project(&mut self, comm: &Comm, own: &mut [Vector], obstacle: &[Vector]) -> Result<()> {
-        let Some((projection, report)) = &mut self.projection else {
-            return Ok(());
-        };
-        let mut all = vec![0.0; 3 * self.n_points];
-        let number = |i: usize| 3 * self.points[i] as usize;
-        for (&i, u) in self.place.iter().zip(&*own) {
-            all[number(i)..][..3].copy_from_slice(u);
+    fn check_obstacle(&self, values: &[Vector], when: &str) -> Result<()> {
+        let n = self.obstacle.as_ref().map_or(0, |o| o.positions.len());
+        if values.len() != n {
+            return Err(Error::Input(format!(
+                "displacement of the obstacle {when}: expected {n} points, found {}",
+                values.len()
+            )));
         }
-        comm.sum_f64(&mut all);
-        let all = all.as_chunks_mut::<3>().0;
-        *report = comm.agree(projection.apply(all, obstacle))?;
-        for (&i, u) in self.place.iter().zip(own) {
-            *u = all[self.points[i] as usize];
+        match values.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
+            Some(i) => Err(Error::Numerical(format!(
+                "displacement of the obstacle {when}: {:?} at point {i}",
+                values[i]
+            ))),
+            None => self.obstacle.as_ref().map_or(Ok(()), |o| {
+                let rigid = o.check_motion(values);
+                rigid.map_err(|e| Error::Input(format!("displacement of the obstacle {when}: {e}")))
+            }),
         }
-        Ok(())
     }
+
+    fn check(&self, displacement: &[Vector], when: &str) -> Result<()> {
+        if displacement.len() != self.place.len() {
+            return Err(Error::Input(format!(
+                "displacement of the body {when}: expected {} points, found {}",
+                self.place.len(),
+                displacement.len()
+            )));
+        }
+        match displacement.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
+            Some(i) => Err(Error::Numerical(format!(
+                "displacement of the body {when}: {:?} at point {}",
+                displacement[i], self.points[self.place[i]]
+            ))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The first rank's values on all ranks. Collective.
+fn of_root(comm: &Comm, values: &[Vector]) -> Vec<Vector> {
+    let mut flat = values.as_flattened().to_vec();
+    comm.broadcast(&mut flat);
+    flat.as_chunks().0.to_vec()
 }
 
 /// Takes vectors into the rows of these nodes.
@@ -266,36 +216,11 @@ impl Host for BodyHost {
     }
 
     fn set_obstacle(&mut self, comm: &Comm, motion: [&[Vector]; 2]) -> Result<()> {
-        self.take_obstacle(comm, motion)
-    }
-
-    fn set_before(&mut self, comm: &Comm, body: &[Vector], obstacle: &[Vector]) -> Result<()> {
-        self.take_before(comm, body, obstacle)
-    }
-
-    fn structure(
-        &self,
-        comm: &Comm,
-        mesh: &Mesh,
-        spec: &ModelSpec,
-        cut: (&SegmentSpec, &[i32]),
-    ) -> Result<Structure> {
-        let (whole, ranks) = mesh.whole_body(comm)?;
-        let (settings, labels) = cut;
-        let mut own = vec![0; self.points.len()];
-        self.place.iter().zip(labels).for_each(|(&i, &k)| own[i] = k);
-        let whole = (&whole, &ranks[..], mesh.obstacle.as_ref());
-        let modes = &m4gn_model::modal::NoModes;
-        Ok(Made::new(whole, spec, settings, Some(&own), modes, comm)?.structure)
-    }
-
-    fn weights_changed(&mut self) {
-        // The error is that of the weights from before.
-        self.correction.iter_mut().for_each(|(_, correction)| correction.forget());
-    }
-
-    fn projection(&self) -> Option<&ProjectionReport> {
-        self.projection.as_ref().map(|(_, report)| report)
+        let checked = self.check_obstacle(motion[0], "now");
+        let checked = checked.and_then(|()| self.check_obstacle(motion[1], "after the step"));
+        comm.agree(checked)?;
+        self.motion = Some(motion.map(|values| of_root(comm, values)));
+        Ok(())
     }
 
     fn solid(&self) -> Option<&Solid> {

@@ -79,7 +79,7 @@ mod tests {
     use super::*;
     use crate::Domain;
     use crate::body::part::BodyPart;
-    use m4gn_mesh::parallel::Comm;
+    use m4gn_parallel::Comm;
     use m4gn_samples::bodies as sample;
 
     /// A cube of one brick; the lowest corner of an octahedron is 0.5 above the cube's corner (1, 1, 1), point 7.

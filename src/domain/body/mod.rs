@@ -1,35 +1,33 @@
 //! A body at points that deforms, touched by a rigid obstacle that moves as prescribed, and by others of its kind.
 //!
 //! [`Body`] is the domain: world edges that come and go, and what its points are told of the obstacle. [`segments`] cuts it into segments,
-//! [`gap`] is the distance between its skin and the obstacle, [`projection`] pushes it out of the obstacle and its parts out of one another,
-//! and [`quality`] has the paper's mesh metrics (appendix C.2). In a host's run the stride before is known as well: it corrects the
-//! strides after a hand-over.
+//! [`gap`] is the distance between its skin and the obstacle, [`parts`] that between its parts, and [`quality`] has the paper's mesh metrics (appendix C.2).
 
 mod coarser;
-mod correction;
 mod domain;
 pub mod gap;
 mod graph;
-mod history;
 mod host;
 mod inputs;
 mod part;
-pub mod projection;
+pub mod parts;
 pub mod quality;
 mod segments;
 mod skins;
+mod start;
 
 pub use graph::{Body, MeshEdge, N_FEATURES, has_feature};
 pub use host::BodyHost;
 pub use part::BodyPart;
 
 use crate::Place;
+use m4gn_base::Result;
+use m4gn_mesh::Mesh;
 use m4gn_mesh::body::Body as Solid;
 use m4gn_mesh::body::Obstacle;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Mesh, Result};
 use m4gn_model::modal::ModalSource;
 use m4gn_model::{ModelSpec, SegmentSpec, cell_size};
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 
 /// This rank's part of a body as a domain, and what the network lives on.
@@ -83,12 +81,11 @@ pub(crate) fn place(
     mesh: &Mesh,
     spec: &ModelSpec,
     settings: &SegmentSpec,
-    labels: Option<&[i32]>,
     modes: &dyn ModalSource,
 ) -> Result<Place> {
     let comm = Comm::serial();
     let (whole, ranks) = mesh.whole_body(&comm)?;
     let whole = (&whole, &ranks[..], mesh.obstacle.as_ref());
-    let Made { part, body, structure } = Made::new(whole, spec, settings, labels, modes, &comm)?;
+    let Made { part, body, structure } = Made::new(whole, spec, settings, None, modes, &comm)?;
     Ok(Place { cell_size: cell_size(&part.mesh, &comm), domain: Box::new(body), structure, coarse: None })
 }

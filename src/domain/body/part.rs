@@ -1,11 +1,11 @@
 //! A body at points, and the obstacle, as graph and segments want them: this rank's part of both.
 
 use crate::body::skins::Skins;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::elements::Elements;
 use m4gn_mesh::vector::{Vector, dot, sub};
 use m4gn_mesh::{BoundaryFace, CoupledFace, Mesh, NodeType};
-use m4gn_mesh::{Error, Result};
 
 /// This rank's points of a body, and all of the obstacle.
 #[derive(Clone, Debug, PartialEq)]

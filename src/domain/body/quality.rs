@@ -13,10 +13,10 @@
 //! Sizes enter without their sign and at least 1e-9 of the true cell's, so that a cell that was turned inside out or
 //! crushed gives a large figure and not an infinite one; [`Quality::inverted`] counts the cells turned inside out.
 
+use m4gn_base::{Error, Result};
 use m4gn_mesh::elements::Elements;
 use m4gn_mesh::nearest::Nearest;
 use m4gn_mesh::vector::{Vector, norm, sub};
-use m4gn_mesh::{Error, Result};
 
 /// Differences of a predicted mesh from the true one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]

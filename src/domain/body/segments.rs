@@ -3,10 +3,11 @@
 
 use super::graph::Body;
 use super::part::BodyPart;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Mesh, Result};
+use m4gn_base::Result;
+use m4gn_mesh::Mesh;
 use m4gn_model::modal::{Modes, NoModes};
 use m4gn_model::{ModelSpec, SegmentMethod, SegmentSpec};
+use m4gn_parallel::Comm;
 use m4gn_structure::graph::Graph;
 use m4gn_structure::{self as segments, Segmentation};
 

@@ -1,8 +1,9 @@
 //! A step of a network that lives on groups of cells: fields go there as averages, their change comes back.
 
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
 use m4gn_model::{ModelSpec, Output};
+use m4gn_parallel::Comm;
 use m4gn_structure::coarse::Coarse;
 
 use super::Cells;

@@ -6,9 +6,10 @@ use crate::boundary::faces_seen_as_their_cells;
 use crate::field::expect_shape;
 use crate::host::{Host, HostOptions, Hosted, Predict};
 use crate::{Domain, Field};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Mesh, Result};
+use m4gn_base::{Error, Result};
+use m4gn_mesh::Mesh;
 use m4gn_model::{FieldSpec, ModelSpec, Output, SegmentSpec, cell_size};
+use m4gn_parallel::Comm;
 use m4gn_structure::coarse::Coarse;
 use m4gn_structure::{Record, Structure};
 
@@ -211,24 +212,6 @@ impl Host for CellsHost {
                 .and_then(|outputs| self.scatter(outputs, fields, &levels, result)),
         };
         comm.agree(done)
-    }
-
-    fn structure(
-        &self,
-        comm: &Comm,
-        mesh: &Mesh,
-        spec: &ModelSpec,
-        cut: (&SegmentSpec, &[i32]),
-    ) -> Result<Structure> {
-        let (settings, labels) = cut;
-        let groups = self.groups.as_ref();
-        let nodes = groups.map_or(mesh, |groups| &groups.coarse.mesh);
-        let of_groups = match groups.filter(|_| spec.architecture.needs().segments) {
-            Some(groups) => Some(groups.labels(mesh, labels, comm)?),
-            None => None,
-        };
-        let labels = Some(of_groups.as_deref().unwrap_or(labels));
-        Structure::new(nodes, spec, settings, &m4gn_model::modal::NoModes, labels, comm)
     }
 
     fn groups(&self) -> Option<&Coarse> {

@@ -2,8 +2,8 @@
 
 use crate::Field;
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
 use m4gn_model::{Level, ModelSpec};
+use m4gn_parallel::Comm;
 
 /// Takes the levels off the states of a host's fields.
 #[derive(Clone, Debug)]

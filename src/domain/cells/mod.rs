@@ -8,10 +8,11 @@ pub use host::CellsHost;
 pub use levels::Levels;
 
 use crate::{Boundary, Components, Domain, Place};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Mesh, Result};
+use m4gn_base::Result;
+use m4gn_mesh::Mesh;
 use m4gn_model::modal::ModalSource;
 use m4gn_model::{ModelSpec, SegmentSpec, cell_size};
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 use m4gn_structure::coarse::Coarse;
 
@@ -81,7 +82,6 @@ pub(crate) fn place(
     spec: &ModelSpec,
     settings: &SegmentSpec,
     resolution: Option<f64>,
-    labels: Option<&[i32]>,
     modes: &dyn ModalSource,
 ) -> Result<Place> {
     let comm = Comm::serial();
@@ -90,13 +90,9 @@ pub(crate) fn place(
         None => None,
     };
     let nodes = coarse.as_ref().map_or(mesh, |coarse| &coarse.mesh);
-    let labels = match (&coarse, labels) {
-        (Some(coarse), Some(labels)) => Some(coarse.labels_of_groups(mesh, labels, &comm)),
-        (_, labels) => labels.map(<[i32]>::to_vec),
-    };
     Ok(Place {
         domain: Box::new(Cells::new(nodes, spec)),
-        structure: Structure::new(nodes, spec, settings, modes, labels.as_deref(), &comm)?,
+        structure: Structure::new(nodes, spec, settings, modes, None, &comm)?,
         cell_size: cell_size(nodes, &comm),
         coarse,
     })

@@ -7,7 +7,7 @@ use crate::kernels::{
     norm_backward, padded, product, softmax, softmax_backward,
 };
 use crate::tiles::{block, blocks};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::{Architecture, MacroSpec};
 
 /// One layer: attention and a point-wise network, each behind a layer norm and beside a residual.

@@ -11,7 +11,7 @@ use crate::kernels::{Buffer, Isa, Number, padded};
 use crate::order::Order;
 use crate::processor::features;
 use crate::tiles::{self, Tile};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 
 /// The layers of a model: down, on the coarsest graph, up.

@@ -10,7 +10,7 @@ use crate::kernels::{
     Addend, Buffer, Function, Isa, Kept, Number, activation_backward, gather_add, narrow, padded, scatter_add,
 };
 use crate::processor::scales as scales_of;
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 
 /// The convolutions of a model.

@@ -10,7 +10,7 @@ use crate::kernels::{
     padded, product, silu_keep,
 };
 use crate::tiles::{block, blocks};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::{Architecture, ModelSpec};
 use std::ops::Range;
 

@@ -6,8 +6,8 @@ use crate::order::Order;
 use crate::recurrence::{Together, together};
 use crate::segment_stage::{check, inverted, reordered};
 use crate::tiles::{self, Tile};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::NodeType;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_structure::{Level, Structure, Transfer};
 

@@ -12,7 +12,7 @@ use crate::kernels::{Buffer, Isa, Number, padded};
 use crate::order::Order;
 use crate::processor::{features, scores, unit};
 use crate::tiles;
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 use m4gn_structure::{Pooled, Transfer};
 

@@ -7,7 +7,7 @@ use crate::kernels::{
 };
 use crate::order::Order;
 use crate::tiles::{Tile, WORLD};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::{Architecture, NodeSums};
 
 /// The edges of a graph in its order.

@@ -1,6 +1,6 @@
 //! All weights as one flat vector: one place for the optimiser, the gradient's norm, running averages and checkpoints.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_model::{Model, ModelSpec, Tensor};
 use rand::RngExt;
 use std::collections::BTreeMap;

@@ -13,7 +13,7 @@ use super::weights::{Dense, Gradients, Slots, Vector};
 use crate::kernels::{Buffer, Isa, Normed, Number, padded};
 use crate::order::Order;
 use crate::tiles::{blocks, runs, sums_of_kinds};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 
 /// The layers and the macro stage of a model.

@@ -5,7 +5,7 @@ use crate::kernels::{
     Addend, Bf16, Buffer, Function, Isa, Kept, Normed, Number, Output, Packed, Pairs, activation_backward,
     layer_norm_keep, narrow, norm_backward, padded, product, silu_keep,
 };
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::{Activation, Architecture};
 use std::ops::Range;
 

@@ -41,7 +41,7 @@ use super::{Isa, Precision};
 use bi_stride::BiStride;
 use convolution::Convolutions;
 use graph_u_net::GraphUNet;
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::{Kind, ModelSpec};
 use messages::Messages;
 use network::{Network, Thread};
@@ -207,7 +207,7 @@ impl Trainable {
     /// Of a model's shape, with all weights zero until [`Trainable::load`].
     ///
     /// # Errors
-    /// [`m4gn_mesh::Error::Model`] for a shape beyond a model's limits.
+    /// [`m4gn_base::Error::Model`] for a shape beyond a model's limits.
     pub fn new(spec: &ModelSpec, precision: Precision, isa: Option<Isa>) -> Result<Self> {
         let isa = isa.unwrap_or_else(Isa::detect);
         super::check_precision(spec, precision)?;

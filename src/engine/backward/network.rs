@@ -12,7 +12,7 @@ use super::weights::{Gradients, Slots};
 use super::{InputGradient, Scales};
 use crate::kernels::{Addend, Buffer, Function, Isa, Normed, Number, Output, Tiles, padded, product};
 use crate::tiles::blocks;
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 
 /// Weights, shared by all threads; `P` is what stands between the encoder of the nodes and the decoder.

@@ -5,7 +5,7 @@ use super::mlp::{Work, activate, fit, function};
 use super::weights::{Dense, Gradients, Slots, Vector};
 use crate::kernels::{Addend, Buffer, Function, Isa, Kept, Output, activation_backward, padded, product};
 use crate::tiles::blocks;
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::Architecture;
 use std::ops::Range;
 

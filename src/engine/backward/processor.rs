@@ -5,7 +5,7 @@ use super::graph::TrainGraph;
 use super::network::Buffers;
 use super::weights::{Gradients, Slots};
 use crate::kernels::{Isa, Number};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 use std::fmt::Debug;
 
@@ -17,7 +17,7 @@ pub trait Processor<T: Number>: Debug + Send + Sync + Sized + 'static {
     /// Of a model's shape, with all weights zero.
     ///
     /// # Errors
-    /// [`m4gn_mesh::Error::Internal`] for a weight that the layout lacks.
+    /// [`m4gn_base::Error::Internal`] for a weight that the layout lacks.
     fn new(isa: Isa, slots: &mut Slots, spec: &ModelSpec) -> Result<Self>;
 
     /// Takes the weights of the flat vector.

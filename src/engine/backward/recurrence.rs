@@ -5,7 +5,7 @@ use super::mlp::{Work, fit};
 use super::weights::{Dense, Gradients, Slots, Vector};
 use crate::kernels::{Buffer, Isa, padded};
 use crate::recurrence::{Kept, Together, Unit};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 
 /// Its weights.
 #[derive(Debug)]

@@ -8,7 +8,7 @@ use super::recurrence::{Recurrence, RecurrenceTape};
 use super::weights::{Dense, Gradients, Slots};
 use crate::kernels::{Addend, Buffer, Isa, Normed, padded};
 use crate::tiles::{block, blocks};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::{MacroSpec, ModelSpec};
 
 /// Weights of the macro stage.

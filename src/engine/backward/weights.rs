@@ -3,7 +3,7 @@
 use super::layout::Layout;
 use crate::kernels::{Addend, Function, Output};
 use crate::kernels::{Buffer, Isa, Norm, Number, Packed, Pairs, outer, padded, product};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 
 /// A block of a weight, or a vector, in the flat vector and in a block of sums with rows of whole vectors.
 #[derive(Clone, Debug)]

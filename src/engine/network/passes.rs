@@ -5,7 +5,7 @@ use super::super::pool::Parts;
 use super::super::profile::Phase;
 use super::super::tiles::{Scratch, block, blocks};
 use super::Network;
-use m4gn_mesh::parallel::Element;
+use m4gn_parallel::Element;
 
 impl<T: Number + Element> Network<T> {
     /// f_n of eq. 1.

@@ -3,8 +3,8 @@
 use super::super::kernels::Number;
 use super::super::profile::{Phase, Profile};
 use super::Network;
-use m4gn_mesh::parallel::Element;
 use m4gn_model::Model;
+use m4gn_parallel::Element;
 
 impl<T: Number + Element> Network<T> {
     /// See [`Engine::profile`](crate::Engine::profile).

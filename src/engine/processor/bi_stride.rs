@@ -9,9 +9,9 @@ use crate::pool::{Parts, Pool};
 use crate::profile::Phase;
 use crate::segment_stage::SegmentStage;
 use crate::tiles::Scratch;
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::{Comm, Element, Halo};
+use m4gn_base::Result;
 use m4gn_model::Model;
+use m4gn_parallel::{Comm, Element, Halo};
 use m4gn_structure::{Structure, Transfer};
 
 /// The layers of a model on a graph and its coarser ones.

@@ -7,9 +7,9 @@ use crate::kernels::{Addend, Buffer, Function, Number, Output, gather_add, narro
 use crate::linear::{self, Linear};
 use crate::profile::Phase;
 use crate::segment_stage::SegmentStage;
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::{Comm, Element};
+use m4gn_base::Result;
 use m4gn_model::Model;
+use m4gn_parallel::{Comm, Element};
 use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
 

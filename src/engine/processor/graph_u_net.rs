@@ -11,9 +11,9 @@ use crate::passing::Layer;
 use crate::pool::Pool;
 use crate::profile::Phase;
 use crate::segment_stage::SegmentStage;
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::{Comm, Element};
+use m4gn_base::Result;
 use m4gn_model::Model;
+use m4gn_parallel::{Comm, Element};
 use m4gn_structure::{Pooled, Structure};
 
 /// The layers of a model.

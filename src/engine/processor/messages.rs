@@ -13,9 +13,9 @@ use crate::pool::Parts;
 use crate::profile::Phase;
 use crate::segment_stage::SegmentStage;
 use crate::tiles::{Scratch, Tile, runs, sums_of_kinds};
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::{Comm, Element};
+use m4gn_base::Result;
 use m4gn_model::Model;
+use m4gn_parallel::{Comm, Element};
 use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
 

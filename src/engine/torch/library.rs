@@ -24,8 +24,8 @@
 //!
 //! Statuses are those of the C ABI of `m4gn.h`.
 
-use m4gn_mesh::Result;
-use m4gn_mesh::plugin::{Description, Plugin, c_string};
+use m4gn_base::Result;
+use m4gn_base::plugin::{Description, Plugin, c_string};
 use std::ffi::{c_char, c_void};
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicU8;
@@ -43,7 +43,7 @@ pub const LIBRARY: Description = Description {
 /// The library, loaded once a process.
 ///
 /// # Errors
-/// [`m4gn_mesh::Error::File`] where it is not found, cannot be loaded (libtorch is not found) or is of another version.
+/// [`m4gn_base::Error::File`] where it is not found, cannot be loaded (libtorch is not found) or is of another version.
 pub fn library() -> Result<&'static Plugin> {
     static LOADED: OnceLock<Result<Plugin>> = OnceLock::new();
     LOADED.get_or_init(|| LIBRARY.load()).as_ref().map_err(Clone::clone)

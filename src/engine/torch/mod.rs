@@ -6,10 +6,10 @@ mod library;
 pub use library::{LIBRARY, TorchTrial, library, train};
 
 use super::Forward;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::plugin::{Plugin, c_string};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::plugin::{Plugin, c_string};
+use m4gn_base::{Error, Result};
 use m4gn_model::Model;
+use m4gn_parallel::Comm;
 use m4gn_structure::{Level, Structure};
 use std::ffi::{c_char, c_void};
 

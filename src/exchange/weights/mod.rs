@@ -9,7 +9,8 @@ mod pickle;
 #[cfg(test)]
 mod tests;
 
-use m4gn_mesh::{Error, NodeType, Result, files};
+use m4gn_base::{Error, Result, files};
+use m4gn_mesh::NodeType;
 use m4gn_model::{Kind, MicroSpec, Model, ModelSpec, Tensor};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::BTreeMap;

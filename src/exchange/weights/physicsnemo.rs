@@ -6,7 +6,7 @@
 //! edges, node]` where it is `[node, sum]` here. Edges point as here: sender minus receiver.
 
 use super::{StateDict, layers};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_model::{Kind, Model, ModelSpec, Tensor};
 
 /// Name here, name there, and how the columns are ordered.

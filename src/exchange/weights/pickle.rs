@@ -4,7 +4,7 @@
 
 use super::{StateDict, numbers};
 use crate::npz::entries;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_model::Tensor;
 use safetensors::Dtype;
 use std::collections::HashMap;

@@ -4,9 +4,9 @@ use super::{Naming, StateDict, model, read, state_dict, write};
 use crate::records;
 use m4gn_engine::{Engine, EngineOptions, Forward};
 use m4gn_mesh::NodeType;
-use m4gn_mesh::parallel::Comm;
 use m4gn_model::modal::NoModes;
 use m4gn_model::{Activation, Kind, Model, NodeSums, Tensor};
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
 

@@ -5,7 +5,7 @@
 use super::host_body as body;
 pub use super::host_solid::{SolidArrays, SolidData};
 use crate::{BoundaryFace, CoupledFace, ElasticModes, Mesh, NodeType};
-use crate::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::ffi::{CStr, c_char};
 
 /// `m4gn_mesh_data`

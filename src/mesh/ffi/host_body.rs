@@ -3,7 +3,8 @@
 use super::host::{MeshData, count, slice, vectors};
 use crate::body::{BodyShare, Material, Obstacle};
 use crate::elements::ElementKind;
-use crate::{Error, Mesh, NodeType, Result};
+use crate::{Mesh, NodeType};
+use m4gn_base::{Error, Result};
 
 /// The body's points as cells. What they are together is checked when the session is made.
 ///

@@ -1,7 +1,7 @@
 //! Elastic bodies as C has them: `m4gn_solid` of `m4gn.h`.
 
 use super::host::{count, directions, slice, vectors};
-use crate::Result;
+use m4gn_base::Result;
 
 /// `m4gn_solid`
 #[repr(C)]
@@ -55,7 +55,7 @@ impl SolidData {
     /// The arrays, of the lengths that the counts say; labels are checked where they are used.
     ///
     /// # Errors
-    /// [`crate::Error::Input`] naming a null pointer or a negative count.
+    /// [`m4gn_base::Error::Input`] naming a null pointer or a negative count.
     ///
     /// # Safety
     /// Pointers must be what `m4gn.h` says, and stay as they are while the slices live.

@@ -1,37 +1,8 @@
-//! Callers of foreign C: MPI handles and the floating-point environment.
+//! Callers of foreign C: meshes and solids as hosts hand them over.
 //!
 //! What leaves this module is safe: every `unsafe` block says why its call is sound.
 #![allow(unsafe_code)]
 
-pub mod fpe;
 pub mod host;
 mod host_body;
 mod host_solid;
-pub mod mpi;
-
-/// A file that grows past `ulimit -f` is then an error of writing, which has a message, and does not end the process.
-/// For the command line only: a host's signals are its own.
-pub fn refuse_file_size_signal() {
-    // SAFETY: SIGXFSZ is a signal, and to ignore it needs no handler.
-    unsafe {
-        libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
-    }
-}
-
-/// Has what we started ended at the end of the process, or when this library is unloaded before.
-///
-/// Only where this process is all there is: several ranks end together by [`crate::parallel::finalize`]. A rank
-/// that leaves early, on a panic, must not wait here for the others; mpirun then ends them.
-pub fn finalize_at_exit() {
-    static ONCE: std::sync::Once = std::sync::Once::new();
-    extern "C" fn run() {
-        if mpi::world_size() == Some(1) {
-            // A panic must not leave through C's exit.
-            let _ = std::panic::catch_unwind(crate::parallel::finalize);
-        }
-    }
-    // SAFETY: `run` is a C function without arguments that does not unwind.
-    ONCE.call_once(|| unsafe {
-        libc::atexit(run);
-    });
-}

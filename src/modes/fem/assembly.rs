@@ -3,7 +3,7 @@
 use super::numbering::Numbering;
 use super::strain::{CellMass, Strain, Term};
 use crate::Rows;
-use m4gn_mesh::parallel::Comm;
+use m4gn_parallel::Comm;
 
 /// Points that can move, numbered anew rank after rank.
 pub(super) struct Movable {

@@ -1,11 +1,11 @@
 //! Modes of a body by its elements.
 
 use super::{Fixed, Options, PointMesh, modes};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::body::Body;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::modal::{ModalOptions, Modes};
+use m4gn_parallel::Comm;
 
 /// The first elastic modes of a whole body, its handle held, as features of its points: three components a mode.
 /// Computed by this rank alone.

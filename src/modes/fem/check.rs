@@ -1,7 +1,7 @@
 //! Is a mesh by points whole? What later code relies on is checked here, with the place named.
 
 use super::mesh::PointMesh;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 
 fn fail<T>(message: String) -> Result<T> {
     Err(Error::Mesh(message))

@@ -2,8 +2,8 @@
 
 use super::mesh::PointMesh;
 use super::numbering::Numbering;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 
 /// Components (x, y, z) of one point's displacement that are held at 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

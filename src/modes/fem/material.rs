@@ -1,7 +1,7 @@
 //! Isotropic linear elasticity, cell by cell.
 
+use m4gn_base::{Error, Result};
 pub use m4gn_mesh::body::Material;
-use m4gn_mesh::{Error, Result};
 
 /// What a 2-D mesh is a section of.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

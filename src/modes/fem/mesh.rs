@@ -1,8 +1,8 @@
 //! The solver's mesh by points: cells as lists of faces, faces as lists of points, the way OpenFOAM keeps them.
 
 use super::check;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 use std::collections::HashMap;
 
 /// This rank's part of a polyhedral mesh whose unknowns stand on points. Labels are local unless called global;

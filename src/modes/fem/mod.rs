@@ -29,9 +29,9 @@ pub use material::{Material, Plane};
 pub use mesh::PointMesh;
 
 use crate::{Mass, Problem};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_model::modal::{ModalOptions, Modes};
+use m4gn_parallel::Comm;
 use mesh::Cell;
 use numbering::Numbering;
 use strain::CellMass;

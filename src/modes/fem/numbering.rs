@@ -1,8 +1,8 @@
 //! Points shared by ranks: each has one owner, and one number; numbers run rank after rank.
 
 use super::mesh::PointMesh;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 
 /// Numbers of the points that carry unknowns.
 pub(super) struct Numbering {

@@ -1,7 +1,7 @@
 //! 2-D: the polygons of a mesh that is one cell thick.
 
 use super::mesh::{Cell, PointMesh};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 
 /// A 2-D mesh seen from the third direction.
 pub(super) struct Section {

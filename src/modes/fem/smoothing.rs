@@ -19,8 +19,8 @@ use super::mesh::Cell;
 use super::numbering::Numbering;
 use super::strain::{Strain, Term, send};
 use super::volume::Shares;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
 
 /// Share of the edges' strains in the energy; the cells' have the rest.
 const EDGES: f64 = 0.9;

@@ -1,7 +1,7 @@
 //! Where the stiffness and the mass come from: sums of small terms, each over a few points.
 
 use super::numbering::Numbering;
-use m4gn_mesh::parallel::Comm;
+use m4gn_parallel::Comm;
 
 /// A strain that is taken as constant over some volume, and its energy
 /// `1/2 (lambda (tr e)^2 + 2 mu e : e)`, with e the symmetric part of `sum_i u_i (x) g_i`.

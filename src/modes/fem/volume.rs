@@ -8,7 +8,7 @@
 
 use super::mesh::Cell;
 use super::numbering::Numbering;
-use m4gn_mesh::parallel::Comm;
+use m4gn_parallel::Comm;
 use std::collections::BTreeMap;
 
 /// For a point the numbers of the points whose averages have its surroundings, ascending, and their shares, of sum 1.

@@ -1,8 +1,8 @@
 use crate::Modal;
-use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::{ElasticModes, Mesh};
 use m4gn_model::modal::ModalSource;
 use m4gn_model::{ModalOperator, SegmentSpec};
+use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use m4gn_structure as segments;
 use m4gn_structure::graph::Graph;
@@ -33,7 +33,7 @@ fn spec(operator: Option<ModalOperator>, modes: usize) -> SegmentSpec {
     SegmentSpec { count: 9, modes, operator, ..Default::default() }
 }
 
-fn labels(mesh: &Mesh, spec: &SegmentSpec) -> m4gn_mesh::Result<Vec<i32>> {
+fn labels(mesh: &Mesh, spec: &SegmentSpec) -> m4gn_base::Result<Vec<i32>> {
     let comm = Comm::serial();
     let mut graph = Graph::new(mesh, &comm)?;
     Ok(segments::segment(mesh, &mut graph, spec, &Modal::default(), &comm, None)?.node_segment)

@@ -1,5 +1,5 @@
 use super::super::*;
-use m4gn_mesh::Error;
+use m4gn_base::Error;
 use m4gn_samples::mesh as sample;
 use std::f64::consts::PI;
 

@@ -56,5 +56,5 @@ fn faer_gives_the_same_modes() {
 
 #[test]
 fn a_solver_that_is_not_known_is_refused() {
-    assert!(matches!(ModalSolver::parse("fast"), Err(m4gn_mesh::Error::Input(_))));
+    assert!(matches!(ModalSolver::parse("fast"), Err(m4gn_base::Error::Input(_))));
 }

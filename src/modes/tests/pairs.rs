@@ -1,7 +1,7 @@
 //! General pairs of matrices with eigenvalues known on paper, by the dense and by the sparse solver.
 
 use super::super::*;
-use m4gn_mesh::Error;
+use m4gn_base::Error;
 use m4gn_model::modal::ModalSolver;
 use std::f64::consts::PI;
 

@@ -1,24 +1,35 @@
 //! The host: a solver of its own, which does what the ride says.
 
 use crate::toy::{self, Toy, at};
-use crate::{Action, Answer, Given, Ride, RideSettings, Step, Surrogate, Text};
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
-use m4gn_step::FieldMut;
+use crate::{Action, Answer, Host as Guest, Ride, RideSettings, Step, Surrogate, Text};
+use m4gn_base::Result;
+use m4gn_parallel::Comm;
+use m4gn_state::Values;
 
 /// The solver's time step, s.
 pub const DT: f64 = 0.1;
 
-/// A ride of such surrogates from time 0 on.
-pub fn ride(settings: &str, toys: Vec<Toy>) -> Result<Ride<'static>> {
-    from(settings, toys, 0.0)
+/// A ride of such a surrogate from time 0 on.
+pub fn ride(settings: &str, toy: Option<Toy>) -> Result<Ride<'static>> {
+    from(settings, toy, 0.0)
 }
 
-pub fn from(settings: &str, toys: Vec<Toy>, time: f64) -> Result<Ride<'static>> {
-    let boxed = toys.into_iter().map(|toy| Box::new(toy) as Box<dyn Surrogate>);
+pub fn from(settings: &str, toy: Option<Toy>, time: f64) -> Result<Ride<'static>> {
     let settings = RideSettings::parse(settings)?;
     let index = (time / DT).round() as i64;
-    Ride::new(Comm::serial(), boxed.collect(), settings, vec![0, 1], at(time, DT, 1e9, index))
+    let guest = Guest {
+        layout: toy::layout(),
+        network: toy.map(|toy| Box::new(toy) as Box<dyn Surrogate>),
+        ahead: None,
+        global: vec![0, 1],
+        owners: vec![0, 1],
+    };
+    Ride::new(Comm::serial(), guest, settings, at(time, DT, 1e9, index))
+}
+
+/// The arrays of a state as a host hands them over.
+pub fn view(state: &Values) -> Vec<&[f64]> {
+    state.iter().map(Vec::as_slice).collect()
 }
 
 /// What happened in a run, in the order in which it did.
@@ -79,12 +90,12 @@ impl Host {
         }
     }
 
-    pub fn of(settings: &str, toys: Vec<Toy>, end: f64) -> Self {
-        Host::new(ride(settings, toys).unwrap(), end)
+    pub fn of(settings: &str, toy: Toy, end: f64) -> Self {
+        Host::new(ride(settings, Some(toy)).unwrap(), end)
     }
 
     pub fn step(&self) -> Step {
-        Step { correctors: None, wall: 10.0, ..at(self.time, DT, self.end, self.index) }
+        Step { correctors: None, ..at(self.time, DT, self.end, self.index) }
     }
 
     fn listen(&mut self) {
@@ -124,8 +135,10 @@ impl Host {
             }
             let correctors = (!self.correctors.is_empty()).then(|| self.correctors.remove(0));
             let told = Step { correctors, ..self.step() };
-            let answer = self.ride.solved(told)?;
-            assert_eq!(answer.action, Action::Decide);
+            let state = toy::of(self.state);
+            // Without the state where it is not asked for.
+            let wanted = self.ride.wants(&told);
+            let answer = self.ride.solved(told, wanted.then_some(&view(&state)[..]))?;
             self.save();
             self.go_on(answer)?;
         }
@@ -147,7 +160,7 @@ impl Host {
     /// Does what the ride says until the solver is to work again.
     pub fn go_on(&mut self, mut answer: Answer) -> Result<()> {
         loop {
-            let fields = toy::of(self.state);
+            let now = toy::of(self.state);
             if let (Some(more), Action::Solve | Action::Stride | Action::HandBack) =
                 (self.report, answer.action)
             {
@@ -156,17 +169,14 @@ impl Host {
             }
             answer = match answer.action {
                 Action::Solve => break,
-                // Without fields where they are not asked for.
-                Action::Decide if !answer.fields => self.ride.decide(&Given::default())?,
-                Action::Decide => fields.with(|given| self.ride.decide(given))?,
                 Action::Stride => {
-                    let mut next = self.state;
-                    let mut out = [FieldMut { name: "a", components: 1, cells: &mut next }];
-                    let answer = fields.with(|given| self.ride.stride(given, &mut out))?;
+                    let mut next = now.clone();
+                    let mut places: Vec<&mut [f64]> = next.iter_mut().map(Vec::as_mut_slice).collect();
+                    let answer = self.ride.stride(&mut places)?;
                     if answer.action == Action::Advance {
-                        self.state = next;
+                        self.state = [next[0][0], next[0][1]];
                     } else {
-                        assert_eq!(next, self.state, "a stride that is not used leaves the fields");
+                        assert_eq!(next, now, "a stride that is not used leaves the state");
                     }
                     answer
                 }
@@ -180,7 +190,8 @@ impl Host {
                     }
                     self.ride.spent(0.25, 0.5);
                     let who = answer.surrogate;
-                    let next = self.ride.advanced(self.step())?;
+                    let state = toy::of(self.state);
+                    let next = self.ride.advanced(self.step(), answer.state.then_some(&view(&state)[..]))?;
                     self.save();
                     if next.action == Action::HandBack {
                         self.events.push(Event::Jumped(who, self.jumped));
@@ -193,12 +204,8 @@ impl Host {
                     }
                     self.jumped = 0;
                     let quantities = [("energy".to_string(), 0.5)];
-                    match answer.fields {
-                        true => {
-                            fields.with(|given| self.ride.handed_back(self.step(), &quantities, given))?
-                        }
-                        false => self.ride.handed_back(self.step(), &quantities, &Given::default())?,
-                    }
+                    let state = answer.state.then_some(&view(&now)[..]).map(<[_]>::to_vec);
+                    self.ride.handed_back(self.step(), state.as_deref(), &quantities)?
                 }
             };
         }
@@ -207,13 +214,14 @@ impl Host {
     }
 
     /// A host that goes on from the state of another one at a time.
-    pub fn carried_on(from: &Host, settings: &str, toys: Vec<Toy>, time: f64) -> Result<Host> {
+    pub fn carried_on(from: &Host, settings: &str, toy: Toy, time: f64) -> Result<Host> {
         let file = from.folder.as_ref().unwrap().join(format!("{time:.1}.state"));
-        let (ride, end) = (self::from(settings, toys, time)?, from.end);
+        let (ride, end) = (self::from(settings, Some(toy), time)?, from.end);
         let mut host = Host::new(ride, end);
         (host.time, host.index) = (time, (time / DT).round() as i64);
         host.state = from.state_at(time);
-        let answer = host.ride.load(&file, host.step())?;
+        let state = toy::of(host.state);
+        let answer = host.ride.load(&file, host.step(), &view(&state))?;
         host.go_on(answer)?;
         Ok(host)
     }

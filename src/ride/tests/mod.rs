@@ -1,8 +1,8 @@
-//! A toy solver, a damped rotating vector, drives the ride through its branches; what surrogates are off by is known on paper.
+//! A toy solver, a damped rotating vector, drives the ride through its branches; the errors of surrogates are known on paper.
 
 mod control;
 mod hosting;
-mod learning;
 mod observing;
 mod replacing;
 mod restarting;
+pub mod trend;

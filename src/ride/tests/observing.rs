@@ -12,7 +12,7 @@ fn errors_are_those_on_paper_and_the_run_is_the_solvers() {
     let toy = Toy::new(0.5).biased(0.01);
     let boundary = toy.boundary.clone();
     let settings = r#"{"mode": "observe", "rolloutSteps": 3, "timeStart": 1, "writeErrors": true, "writePrecision": 17}"#;
-    let mut host = Host::of(settings, vec![toy], 4.0);
+    let mut host = Host::of(settings, toy, 4.0);
     host.run().unwrap();
     assert_eq!(host.events, [Solved(40)]);
     assert_eq!(host.state, (0..40).fold(toy::solver(0.0), |s, _| toy::later(s, 0.1)), "to the bit");
@@ -41,8 +41,8 @@ fn errors_are_those_on_paper_and_the_run_is_the_solvers() {
     near(segments[2][1], (rollout[0] - toy::solver(2.5)[0]).abs());
     near(segments[2][2], (rollout[1] - toy::solver(2.5)[1]).abs());
     assert!(host.tables[3].contains("a:0") && host.tables[3].contains("a:1"));
-    let (difference, time) = host.ride.difference(0).unwrap();
-    assert_eq!((difference[0].len(), time), (2, "4"));
+    let (difference, time) = host.ride.difference(0, 0).unwrap();
+    assert_eq!((difference.len(), time), (2, "4"));
     // The face that holds its value has the host's, the other its cell's.
     assert_eq!(boundary.borrow()[0], 9.0);
     assert!(host.ride.end().is_empty());
@@ -54,7 +54,7 @@ fn errors_are_those_on_paper_and_the_run_is_the_solvers() {
 fn a_rollouts_boundary_follows_its_own_cells_where_it_is_not_held() {
     let toy = Toy::new(0.5).biased(0.01);
     let boundary = toy.boundary.clone();
-    let mut host = Host::of(r#"{"mode": "observe", "rolloutSteps": 9, "timeStart": 1}"#, vec![toy], 2.0);
+    let mut host = Host::of(r#"{"mode": "observe", "rolloutSteps": 9, "timeStart": 1}"#, toy, 2.0);
     host.run().unwrap();
     // The last step was the third of the rollout: from the second, which is not the solver's.
     let biased = |s: [f64; 2]| toy::later(s, 0.5).map(|v| v + 0.01);
@@ -66,7 +66,7 @@ fn a_rollouts_boundary_follows_its_own_cells_where_it_is_not_held() {
 #[test]
 fn control_tells_what_it_would_have_done() {
     let settings = r#"{"mode": "observe", "rolloutSteps": 4, "timeStart": 1, "control": {"tolerance": 0.02, "onFailure": "stop", "patience": 1}}"#;
-    let mut host = Host::of(settings, vec![Toy::new(0.5).biased(0.01)], 8.0);
+    let mut host = Host::of(settings, Toy::new(0.5).biased(0.01), 8.0);
     host.run().unwrap();
     let rows = columns(&host.tables[2]);
     // The first stride only measures; then error and estimate are the last columns.
@@ -82,7 +82,7 @@ fn control_tells_what_it_would_have_done() {
     let said = host.ride.take(Text::Log);
     assert!(said.contains("control would have let") && said.contains("within the tolerance 0.02"), "{said}");
     // An observer ends no run, however bad the surrogate, and says how often it would not have let go.
-    let mut host = Host::of(settings, vec![Toy::new(0.5).biased(0.5)], 8.0);
+    let mut host = Host::of(settings, Toy::new(0.5).biased(0.5), 8.0);
     host.run().unwrap();
     host.ride.end();
     let said = host.ride.take(Text::Log);
@@ -94,7 +94,7 @@ fn a_rollout_that_is_not_finite_begins_anew() {
     // Not finite from states whose first component is above 1.5: at 1 s the solver's is 1.45.
     let mut host = Host::of(
         r#"{"mode": "observe", "rolloutSteps": 50, "timeStart": 1, "writeErrors": true}"#,
-        vec![Toy::new(0.5).biased(-0.4).broken_above(1.2)],
+        Toy::new(0.5).biased(-0.4).broken_above(1.2),
         12.0,
     );
     host.run().unwrap();
@@ -107,16 +107,16 @@ fn a_rollout_that_is_not_finite_begins_anew() {
 
 #[test]
 fn a_run_that_is_shorter_than_a_stride_says_so() {
-    let mut host = Host::of(r#"{"mode": "observe"}"#, vec![Toy::new(0.5)], 0.3);
+    let mut host = Host::of(r#"{"mode": "observe"}"#, Toy::new(0.5), 0.3);
     host.run().unwrap();
     host.ride.end();
     assert!(host.ride.take(Text::Log).contains("came to no end of a stride"));
-    assert!(ride(r#"{"mode": "observe"}"#, vec![Toy::new(0.5)]).unwrap().end().is_empty());
+    assert!(ride(r#"{"mode": "observe"}"#, Some(Toy::new(0.5))).unwrap().end().is_empty());
 }
 
 #[test]
 fn the_observer_ends_at_its_time_and_tells() {
-    let mut host = Host::of(r#"{"mode": "observe", "timeEnd": 1.1}"#, vec![Toy::new(0.5)], 4.0);
+    let mut host = Host::of(r#"{"mode": "observe", "timeEnd": 1.1}"#, Toy::new(0.5), 4.0);
     host.run().unwrap();
     host.ride.end();
     assert!(host.ride.take(Text::Log).contains("at 2 times"), "{}", host.tables[2]);

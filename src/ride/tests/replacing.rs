@@ -1,13 +1,13 @@
-use super::hosting::{Event::*, Host, ride};
+use super::hosting::{Event::*, Host, ride, view};
+use crate::Action;
 use crate::toy::{self, Toy, at};
-use crate::{Action, Given};
-use m4gn_mesh::Error;
+use m4gn_base::Error;
 
 const FIVE_TWO: &str = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 2, "timeStart": 1}"#;
 
 #[test]
 fn solver_and_surrogate_take_turns_and_the_solver_ends_the_run() {
-    let mut host = Host::of(FIVE_TWO, vec![Toy::new(0.5)], 5.0);
+    let mut host = Host::of(FIVE_TWO, Toy::new(0.5), 5.0);
     host.run().unwrap();
     // The first jump begins at 1 s; the last one has no room for a second stride that leaves the solver a step.
     let expected = [Solved(10), Jumped(0, 2), Solved(5), Jumped(0, 2), Solved(5), Jumped(0, 1), Solved(5)];
@@ -41,7 +41,7 @@ fn solver_and_surrogate_take_turns_and_the_solver_ends_the_run() {
 #[test]
 fn the_schedule_ends_at_its_time_and_has_a_summary() {
     let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 9, "timeEnd": 2}"#;
-    let mut host = Host::of(settings, vec![Toy::new(0.5)], 4.0);
+    let mut host = Host::of(settings, Toy::new(0.5), 4.0);
     host.run().unwrap();
     assert_eq!(host.events, [Solved(5), Jumped(0, 3), Solved(20)]);
     let summary = host.ride.end();
@@ -60,7 +60,7 @@ fn a_quantity_that_is_off_at_the_end_of_a_jump_makes_the_next_ones_shorter() {
         r#"{{"mode": "replace", "solverSteps": 10, "surrogateSteps": 8, "timeStart": 9, {quantities}}}"#
     );
     for more in [0.0, 0.3] {
-        let mut host = Host::of(&settings, vec![Toy::new(0.5)], 40.0);
+        let mut host = Host::of(&settings, Toy::new(0.5), 40.0);
         host.report = Some(more);
         host.run().unwrap();
         let strides: Vec<usize> = host
@@ -88,20 +88,20 @@ fn a_quantity_that_is_off_at_the_end_of_a_jump_makes_the_next_ones_shorter() {
 }
 
 fn host_error(settings: &str) -> String {
-    let mut host = Host::of(settings, vec![Toy::new(0.5)], 1.0);
+    let mut host = Host::of(settings, Toy::new(0.5), 1.0);
     host.ride.reported(&[]).unwrap_err().to_string()
 }
 
 #[test]
 fn before_its_start_there_is_no_summary() {
-    let mut host = Host::of(FIVE_TWO, vec![Toy::new(0.5)], 0.5);
+    let mut host = Host::of(FIVE_TWO, Toy::new(0.5), 0.5);
     host.run().unwrap();
     assert_eq!((host.events.clone(), host.ride.end()), (vec![Solved(5)], String::new()));
 }
 
 #[test]
 fn without_room_for_a_stride_there_is_no_jump() {
-    let mut host = Host::of(FIVE_TWO, vec![Toy::new(0.5)], 1.5);
+    let mut host = Host::of(FIVE_TWO, Toy::new(0.5), 1.5);
     host.run().unwrap();
     assert_eq!(host.events, [Solved(15)]);
 }
@@ -111,7 +111,7 @@ fn a_prediction_that_is_not_finite_ends_a_jump_or_keeps_it_from_beginning() {
     // The first component falls from 1.5 at 1 s, and rises above again at 8.9 s.
     let toy = Toy::new(0.5).broken_above(1.0);
     let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 20}"#;
-    let mut host = Host::of(settings, vec![toy], 9.5);
+    let mut host = Host::of(settings, toy, 9.5);
     host.run().unwrap();
     let begin = (1..).find(|n| toy::solver(f64::from(*n) * 0.1)[0] <= 1.0).unwrap() as usize;
     assert_eq!(host.events[0], Solved(begin), "refused until then: {:?}", host.events);
@@ -126,7 +126,7 @@ fn a_prediction_that_is_not_finite_ends_a_jump_or_keeps_it_from_beginning() {
 #[test]
 fn correctors_at_their_cap_make_jumps_shorter() {
     let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 4}"#;
-    let mut host = Host::of(settings, vec![Toy::new(0.5)], 12.0);
+    let mut host = Host::of(settings, Toy::new(0.5), 12.0);
     host.correctors = vec![[3, 10]; 5];
     host.correctors.extend(vec![[10, 10]; 200]);
     host.run().unwrap();
@@ -146,32 +146,36 @@ fn correctors_at_their_cap_make_jumps_shorter() {
 
 #[test]
 fn calls_out_of_turn_are_refused_by_name() {
-    let mut r = ride(FIVE_TWO, vec![Toy::new(0.5)]).unwrap();
-    let none = Given::default();
+    let mut r = ride(FIVE_TWO, Some(Toy::new(0.5))).unwrap();
     let error = |e: Error| e.to_string();
-    assert!(error(r.decide(&none).unwrap_err()).contains("decide was called where solved is due"));
-    assert!(error(r.stride(&none, &mut []).unwrap_err()).contains("stride was called where solved"));
+    let given = toy::of([1.0, 2.0]);
+    let state = view(&given);
+    assert!(error(r.stride(&mut []).unwrap_err()).contains("stride was called where solved"));
     let step = |time: f64| at(time, 0.1, 9.0, (10.0 * time).round() as i64);
-    assert!(error(r.advanced(step(1.0)).unwrap_err()).contains("advanced was called"));
-    assert!(error(r.handed_back(step(1.0), &[], &none).unwrap_err()).contains("handed_back was called"));
-    assert!(error(r.solved(step(-1.0)).unwrap_err()).contains("times must increase"));
-    assert_eq!(r.solved(step(1.0)).unwrap().action, Action::Decide);
-    // The surrogate works with fields, and names the one that is missing.
-    assert_eq!(r.decide(&none).unwrap().action, Action::Stride);
-    assert!(error(r.solved(step(1.1)).unwrap_err()).contains("solved was called where stride is due"));
-    assert!(error(r.stride(&none, &mut []).unwrap_err()).contains("'a' is missing"));
-    let places = toy::of([1.0, 2.0]).with(|g| r.stride(g, &mut []));
-    assert!(error(places.unwrap_err()).contains("the places for the prediction"));
+    assert!(error(r.advanced(step(1.0), None).unwrap_err()).contains("advanced was called"));
+    assert!(error(r.handed_back(step(1.0), None, &[]).unwrap_err()).contains("handed_back was called"));
+    assert!(error(r.old_level(0.1, &mut []).unwrap_err()).contains("old_level was called"));
+    assert!(error(r.solved(step(-1.0), None).unwrap_err()).contains("times must increase"));
+    assert!(r.wants(&step(1.0)) && !r.wants(&step(0.3)));
+    assert!(error(r.solved(step(1.0), None).unwrap_err()).contains("solved needs the state"));
+    assert!(error(r.solved(step(1.0), Some(&state[..1])).unwrap_err()).contains("1 arrays: expected 3"));
+    assert_eq!(r.solved(step(1.0), Some(&state)).unwrap().action, Action::Stride);
+    assert!(error(r.solved(step(1.1), None).unwrap_err()).contains("solved was called where stride is due"));
+    assert!(error(r.stride(&mut []).unwrap_err()).contains("the places for the prediction"));
     assert!(
-        error(r.load(std::path::Path::new("none"), step(1.0)).unwrap_err()).contains("before the first step")
+        error(r.load(std::path::Path::new("none"), step(1.0), &state).unwrap_err())
+            .contains("before the first step")
     );
 }
 
 #[test]
 fn what_does_not_fit_is_refused_at_the_start() {
-    let refused = |settings: &str, toys: Vec<Toy>| ride(settings, toys).err().unwrap().to_string();
-    assert!(refused(FIVE_TWO, vec![]).contains("at least one"));
-    assert!(refused(FIVE_TWO, vec![Toy::new(0.05)]).contains("shorter than the solver's time step, 0.1 s"));
-    let two = vec![Toy::new(0.5), Toy::new(0.5)];
-    assert!(refused(FIVE_TWO, two).contains("2 surrogates: which one jumps"));
+    let refused = |settings: &str, toy: Option<Toy>| ride(settings, toy).err().unwrap().to_string();
+    assert!(refused(FIVE_TWO, None).contains("network is named, and the host has none"));
+    let dmd = r#"{"mode": "replace", "surrogates": ["dmd"]}"#;
+    assert!(refused(dmd, Some(Toy::new(0.5))).contains("surrogates does not name it"));
+    assert!(refused(FIVE_TWO, Some(Toy::new(0.05))).contains("shorter than the solver's time step, 0.1 s"));
+    let two =
+        FIVE_TWO.replace("\"solverSteps\"", "\"surrogates\": [\"network\", \"trend\"], \"solverSteps\"");
+    assert!(refused(&two, Some(Toy::new(0.5))).contains("2 surrogates: which one jumps"));
 }

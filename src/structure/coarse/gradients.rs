@@ -2,7 +2,8 @@
 
 use super::merged::Merged;
 use m4gn_mesh::vector::{dot, norm};
-use m4gn_mesh::{Mesh, NodeType, parallel::Comm};
+use m4gn_mesh::{Mesh, NodeType};
+use m4gn_parallel::Comm;
 use std::collections::BTreeMap;
 
 /// Unknowns of a fit: the gradient, and the curvature along the normal of a wall.

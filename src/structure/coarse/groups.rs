@@ -2,10 +2,11 @@
 
 use crate::cell_graph::CellGraph;
 use crate::partition::partition_finely;
-use m4gn_mesh::parallel::{Comm, everywhere};
+use m4gn_base::Result;
 use m4gn_mesh::vector::norm;
-use m4gn_mesh::{Ghosts, Mesh, Result};
+use m4gn_mesh::{Ghosts, Mesh};
 use m4gn_model::cell_size;
+use m4gn_parallel::{Comm, everywhere};
 
 /// What lies behind each coupled face: the other cell's number, and how far a cyclic patch shifts it.
 #[derive(Debug)]

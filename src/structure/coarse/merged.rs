@@ -1,9 +1,9 @@
 //! The whole mesh of groups, the same on all ranks, and each rank's part of it.
 
 use super::groups::{Links, all_rows};
-use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::vector::norm;
 use m4gn_mesh::{BoundaryFace, CoupledFace, Mesh, NodeType};
+use m4gn_parallel::Comm;
 use std::collections::BTreeMap;
 
 /// Two groups that touch, the lower one first.

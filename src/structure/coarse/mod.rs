@@ -18,8 +18,9 @@ mod transfer;
 
 pub use transfer::{Restricted, Transfer};
 
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{ElasticModes, Error, Mesh, Result};
+use m4gn_base::{Error, Result};
+use m4gn_mesh::{ElasticModes, Mesh};
+use m4gn_parallel::Comm;
 
 /// Groups of cells as a mesh of their own, and how fields get there and back.
 #[derive(Clone, Debug)]

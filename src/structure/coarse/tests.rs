@@ -1,6 +1,7 @@
 use super::Coarse;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Mesh, NodeType};
+use m4gn_base::Error;
+use m4gn_mesh::{Mesh, NodeType};
+use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use proptest::prelude::*;
 

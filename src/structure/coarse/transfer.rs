@@ -2,9 +2,9 @@
 
 use super::gradients::{Gradients, Variation};
 use super::merged::Merged;
-use m4gn_mesh::parallel::Comm;
 use m4gn_mesh::vector::norm;
 use m4gn_mesh::{Mesh, NodeType};
+use m4gn_parallel::Comm;
 
 /// Averages of a field's cells and boundary faces.
 #[derive(Clone, Debug)]

@@ -1,9 +1,10 @@
 //! From a mesh to its graph.
 
 use super::Graph;
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::Result;
 use m4gn_mesh::vector::sub;
-use m4gn_mesh::{Ghosts, Mesh, NodeType, Result};
+use m4gn_mesh::{Ghosts, Mesh, NodeType};
+use m4gn_parallel::Comm;
 
 /// An edge before sorting.
 struct Edge {

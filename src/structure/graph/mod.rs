@@ -5,7 +5,7 @@
 
 mod build;
 
-use m4gn_mesh::parallel::Halo;
+use m4gn_parallel::Halo;
 
 /// This rank's part of the mesh graph.
 #[derive(Clone, Debug)]

@@ -1,11 +1,11 @@
 use super::*;
-use m4gn_mesh::Error;
+use m4gn_base::Error;
 use m4gn_samples::mesh as sample;
 
 fn of(mesh: &Mesh, labels: &[i32], count: usize) -> Result<Quality> {
     let comm = Comm::serial();
     let mut graph = Graph::new(mesh, &comm)?;
-    quality(mesh, &mut graph, labels, count, Dissimilarity::Positions, &comm)
+    quality(mesh, &mut graph, labels, count, &comm)
 }
 
 fn near(a: f64, b: f64) -> bool {
@@ -51,19 +51,6 @@ fn one_segment_and_as_many_as_cells() {
     assert_eq!((q.conductance, q.edge_cut_ratio, q.silhouette), (0.0, 0.0, 0.0));
     let q = of(&mesh, &[0, 1, 2, 3, 4, 5], 6).unwrap();
     assert_eq!((q.conductance, q.edge_cut_ratio, q.silhouette), (1.0, 1.0, 0.0));
-}
-
-#[test]
-fn modes_join_the_positions() {
-    let comm = Comm::serial();
-    let mesh = sample::chain(2, 2.0);
-    let mut graph = Graph::new(&mesh, &comm).unwrap();
-    // Both cells lie half a metre from the mean centre.
-    let modes = Modes { eigenvalues: vec![1.0], vectors: vec![vec![0.0, 3.0]] };
-    let points = Points::new(&mesh, Dissimilarity::Features(&modes), &comm);
-    assert_eq!(points.coordinates, [vec![1.0, 3.0], vec![1.0, 1.0], vec![0.0, 3.0]]);
-    let found = quality(&mesh, &mut graph, &[0, 1], 2, Dissimilarity::Features(&modes), &comm);
-    assert_eq!(found.unwrap().silhouette, 0.0);
 }
 
 /// Every cell against every other, one at a time, in the order of the definition.

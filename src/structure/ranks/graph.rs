@@ -2,7 +2,7 @@
 
 use super::super::partition::METIS_TURN;
 use super::Report;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 
 /// Seeds of METIS's random choices that are tried.
 const SEEDS: std::ops::Range<i32> = 1..6;

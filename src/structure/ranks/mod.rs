@@ -10,7 +10,7 @@ mod graph;
 mod refine;
 
 use graph::SegmentGraph;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 
 /// How good an assignment is.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,8 +1,8 @@
 //! A network and its graph as files that other programs read.
 
 use super::Workload;
+use m4gn_base::{Error, Result};
 use m4gn_engine::{EngineOptions, Forward};
-use m4gn_mesh::{Error, Result};
 use safetensors::{Dtype, tensor::TensorView};
 use serde_json::Value;
 use std::path::Path;
@@ -61,5 +61,5 @@ fn write_tensors(path: &Path, tensors: &[(&str, Bytes)]) -> Result<()> {
         })
         .collect::<Result<Vec<_>>>()?;
     let bytes = safetensors::serialize(views, None).map_err(|e| failed(&e))?;
-    m4gn_mesh::files::write_whole(path, &bytes)
+    m4gn_base::files::write_whole(path, &bytes)
 }

@@ -1,9 +1,9 @@
 //! Graphs to measure on.
 
-use m4gn_mesh::parallel::{Comm, Halo};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_mesh::{Mesh, NodeType, block};
 use m4gn_model::ModelSpec;
+use m4gn_parallel::{Comm, Halo};
 use m4gn_structure::graph::Graph;
 use m4gn_structure::{Segmentation, Sequence, Structure};
 use rand::{RngExt, SeedableRng};

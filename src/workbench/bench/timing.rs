@@ -1,6 +1,6 @@
 //! Times of many runs.
 
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use rustix::time::{ClockId, clock_gettime};
 use std::time::{Duration, Instant};
 
@@ -106,6 +106,6 @@ mod tests {
         assert_eq!((found.unwrap().count(), runs), (3, 4));
         let found = Runs::For(Duration::ZERO).time(|| Ok(()));
         assert_eq!(found.unwrap().count(), 5);
-        assert!(Runs::Exactly(1).time(|| Err(m4gn_mesh::Error::Input("no".into()))).is_err());
+        assert!(Runs::Exactly(1).time(|| Err(m4gn_base::Error::Input("no".into()))).is_err());
     }
 }

@@ -1,6 +1,7 @@
 //! A step of training to measure: a batch of one graph with random fields, forward, backward and update.
 
 use super::{Shape, hexahedra, o_mesh_structure};
+use m4gn_base::{Error, Result};
 use m4gn_domain::Components;
 use m4gn_domain::cells::Cells;
 use m4gn_engine::Precision;
@@ -8,10 +9,9 @@ use m4gn_engine::backward::{Layout, Optimiser, norm};
 use m4gn_learn::normaliser::Normaliser;
 use m4gn_learn::samples::Sample;
 use m4gn_learn::{Backend, Batch, Example, TrainingConfig, Workload};
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{ArchitectureKeys, Model, ModelSpec};
 use m4gn_modes::Modal;
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 use m4gn_train::config::{Config, FieldConfig, ModelConfig};
 use rand::{RngExt, SeedableRng};

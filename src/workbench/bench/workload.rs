@@ -1,13 +1,13 @@
 //! A network, a graph, and the programs that run one on the other.
 
 use super::o_mesh_structure;
+use m4gn_base::{Error, Result};
 use m4gn_engine::torch::TorchBackend;
 use m4gn_engine::{Engine, EngineOptions};
 use m4gn_mesh::Mesh;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::Model;
 use m4gn_modes::Modal;
+use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
 use rand::{RngExt, SeedableRng};

@@ -2,7 +2,7 @@
 
 use crate::generate::openfoam::absolute;
 use crate::generate::process::Surroundings;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::fs;
 use std::path::{Path, PathBuf};
 

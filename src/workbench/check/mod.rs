@@ -13,9 +13,9 @@ use crate::generate::openfoam::{absolute, environment, plain_path};
 use crate::generate::parameter::Settings;
 use crate::generate::process::Surroundings;
 use copy::Copy;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result, files};
-use m4gn_train::{Request, train_native};
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
+use m4gn_train::{Request, delta, train_native};
 use serde::Serialize;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -67,7 +67,7 @@ impl Case {
 pub struct Plan {
     /// The case.
     pub case: Case,
-    /// A model to check beside the linear surrogate.
+    /// A model to check beside the dmd surrogate.
     pub model: Option<PathBuf>,
     /// A training configuration: a network of its shape is made from the case's own steps.
     pub config: Option<PathBuf>,
@@ -80,7 +80,7 @@ pub struct Plan {
 /// What came of one surrogate.
 #[derive(Clone, Debug, Serialize)]
 pub struct Finding {
-    /// linear, network.
+    /// dmd, network.
     pub surrogate: String,
     /// Why it does not fit; none: it does.
     pub why: Option<String>,
@@ -88,7 +88,7 @@ pub struct Finding {
     pub notes: Vec<String>,
     /// How far it came.
     pub report: Report,
-    /// What a stride takes with the window that is suggested, s: of the linear surrogate that jumped.
+    /// What a stride takes with the window that is suggested, s: of the dmd surrogate that jumped.
     pub stride: Option<f64>,
 }
 
@@ -134,7 +134,7 @@ pub fn run(plan: &Plan) -> Result<Checked> {
         copy.application.split('/').take(1).chain((copy.ranks > 0).then_some("mpirun")).collect();
     environment(&programs)?;
 
-    let mut findings = vec![one(plan, &copy, "linear", "", &tools)?];
+    let mut findings = vec![one(plan, &copy, "dmd", "", &tools)?];
     let model = match (&plan.model, &plan.config) {
         (Some(model), _) => Some(Ok(plain_path(model)?)),
         (None, Some(config)) => Some(random(&copy, config, place, &findings[0].report, room, &tools)),
@@ -220,8 +220,7 @@ fn random(
     room: &Path,
     tools: &Surroundings,
 ) -> Result<PathBuf> {
-    let text = files::read_text(config).map_err(|e| Error::file(config, format!("cannot be read: {e}")))?;
-    let mut table: toml::Table = text.parse().map_err(|e| Error::file(config, format!("{e}")))?;
+    let mut table = delta::table(config)?;
     let wrong = || {
         Error::file(
             config,
@@ -233,7 +232,7 @@ fn random(
     let names: Vec<String> =
         fields.iter().filter_map(|f| Some(f.get("name")?.as_str()?.to_string())).collect();
     if report.delta_t <= 0.0 {
-        return Err(Error::Input("the solver came to no step (see linear)".into()));
+        return Err(Error::Input("the solver came to no step (see dmd)".into()));
     }
     let stride = STEPS as f64 * report.delta_t;
     model.insert("stride".into(), stride.into());
@@ -249,7 +248,7 @@ fn random(
     copy.control_dict(
         &format!("endTime {};", report.start_time + (STEPS * FRAMES) as f64 * report.delta_t),
         &format!(
-            "type m4gnHarvest; fields ({}); {place} file \"{}\"; overwrite yes; writeControl timeStep; writeInterval {STEPS};",
+            "type m4gnRecorder; fields ({}); {place} file \"{}\"; overwrite yes; writeControl timeStep; writeInterval {STEPS};",
             names.join(" "),
             data.display()
         ),

@@ -34,7 +34,7 @@ pub struct Patch {
 #[derive(Clone, Debug, Default, Deserialize, Serialize, PartialEq)]
 #[serde(default)]
 pub struct Report {
-    /// linear, network.
+    /// dmd, network.
     pub surrogate: String,
     /// Cells of all ranks.
     pub cells: usize,
@@ -81,7 +81,7 @@ pub struct Report {
     pub watched: f64,
 }
 
-/// A setting of the linear surrogate.
+/// A setting of the dmd surrogate.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Suggestion {
     /// Time between states, s.
@@ -93,7 +93,7 @@ pub struct Suggestion {
 }
 
 impl Report {
-    /// The memory of a window of the linear surrogate on all ranks, bytes; less where arrays do not change.
+    /// The memory of a window of the dmd surrogate on all ranks, bytes; less where arrays do not change.
     pub fn window_memory(&self, window: usize) -> f64 {
         8.0 * self.numbers * (window + BESIDE) as f64
     }
@@ -164,7 +164,7 @@ mod tests {
     #[test]
     fn what_was_not_come_to_is_empty() {
         let early: Report =
-            serde_json::from_str(r#"{"surrogate": "linear", "cells": 4, "jumped": true}"#).unwrap();
+            serde_json::from_str(r#"{"surrogate": "dmd", "cells": 4, "jumped": true}"#).unwrap();
         assert!(early.handed_over.is_empty() && early.jumped && early.cells == 4);
     }
 }

@@ -1,7 +1,7 @@
 //! What a solver's log says of its end.
 
 use super::Report;
-use m4gn_mesh::Error;
+use m4gn_base::Error;
 
 /// Longest text of a message.
 const LONGEST: usize = 600;
@@ -82,7 +82,7 @@ pub(super) fn notes(log: &str) -> Vec<String> {
     notes
 }
 
-/// What a stride of the linear surrogate takes with this window, s: what the jump took, and what each further state adds. None: nothing was timed.
+/// What a stride of the dmd surrogate takes with this window, s: what the jump took, and what each further state adds. None: nothing was timed.
 pub(super) fn stride(log: &str, window: usize) -> Option<f64> {
     let told =
         |begin: &str| log.lines().map(plain).find_map(|l| l.strip_prefix("m4gn: ")?.split(begin).nth(1));
@@ -113,8 +113,8 @@ fn shown(text: &str) -> String {
 mod tests {
     use super::*;
 
-    const REFUSED: &str = "Time = 1\n\n[1] --> FOAM FATAL ERROR: \n[1] The linear surrogate cannot hand states over: there are\n[1]     several \
-                           phases\n[1] \n[1]     From void Foam::m4gnRunState::checkCase()\n[1]     in file m4gnRunState.C at line 3.\n";
+    const REFUSED: &str = "Time = 1\n\n[1] --> FOAM FATAL ERROR: \n[1] The dmd surrogate cannot hand states over: there are\n[1]     several \
+                           phases\n[1] \n[1]     From void Foam::m4gnState::checkCase()\n[1]     in file m4gnState.C at line 3.\n";
     const OWN: &str = "--> FOAM FATAL IO ERROR: \ncannot find file\n\nfile: 0/U at line 0.\n\n    From virtual readStream\n    in file r.C\n";
 
     fn failed() -> Error {
@@ -126,7 +126,7 @@ mod tests {
         let (text, ours) = fatal(REFUSED).unwrap();
         assert_eq!(
             (text.as_str(), ours),
-            ("The linear surrogate cannot hand states over: there are several phases", true)
+            ("The dmd surrogate cannot hand states over: there are several phases", true)
         );
         assert_eq!(why(&Report::default(), REFUSED, Some(&failed()), "icoFoam").unwrap(), text);
         let own = why(&Report::default(), OWN, Some(&failed()), "icoFoam").unwrap();
@@ -143,7 +143,7 @@ mod tests {
     #[test]
     fn a_run_that_ends_well_may_not_have_jumped() {
         let of = |report: Report| why(&report, "", None, "icoFoam");
-        let made = Report { surrogate: "linear".into(), steps: 9, ..Report::default() };
+        let made = Report { surrogate: "dmd".into(), steps: 9, ..Report::default() };
         assert!(of(Report::default()).unwrap().contains("it executes none"));
         let regions = "--> FOAM Warning : \n\n    request for region0 failed\n\n    From x\n--> while loading function object 'c'\n";
         let left_out = why(&Report::default(), regions, None, "chtFoam").unwrap();
@@ -156,7 +156,7 @@ mod tests {
 
     #[test]
     fn warnings_and_jumps_are_noted() {
-        let log = "m4gn: jumped 1 steps of 0.1 s; a stride beside was off\nx\n--> FOAM Warning : \n    From void Foam::m4gnFlowState()\n    in file a\n    sources act\n\n--> FOAM \
+        let log = "m4gn: jumped 1 steps of 0.1 s; a stride beside was off\nx\n--> FOAM Warning : \n    From void Foam::m4gnFlowCompletion()\n    in file a\n    sources act\n\n--> FOAM \
                    Warning : \n    From void Foam::other()\n    in file b\n    not ours\n\n";
         assert_eq!(notes(log), ["jumped 1 steps of 0.1 s", "warning: sources act"]);
     }

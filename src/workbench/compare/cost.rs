@@ -3,7 +3,7 @@
 use super::Options;
 use super::log::{Clock, Log};
 use crate::foam_case::FoamCase;
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_report::{Table, number, percent, seconds};
 use serde::Serialize;
 use std::path::Path;

@@ -4,8 +4,8 @@ use super::Options;
 use super::report::{Row, both_runs};
 use crate::foam_case::{Description, FoamCase};
 use crate::signal;
+use m4gn_base::{Error, Result};
 use m4gn_mesh::vector::cross;
-use m4gn_mesh::{Error, Result};
 use m4gn_report::{Page, number, percent};
 use serde::Serialize;
 

@@ -1,6 +1,6 @@
 //! The log of a solver: what its time steps took, and whether it came to its end.
 
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use std::path::{Path, PathBuf};
 
 /// What a run took since its start, as its log says.

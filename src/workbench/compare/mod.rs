@@ -22,7 +22,7 @@ pub use cost::Cost;
 use crate::errors::{FieldErrors, Track};
 use crate::foam_case::{Description, FoamCase, Patch};
 use forces::{Forces, Reference};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_report::Snapshot;
 use motion::Motion;
 use pairing::{common_times, mapping};
@@ -206,7 +206,7 @@ impl Options {
     fn check(&self, solid: bool, path: &str) -> Result<()> {
         match (solid, &self.follow, self.interpolate) {
             (false, Some(patch), _) => Err(Error::Input(format!(
-                "--follow {patch}: cells are followed of a solid, and {path} is a flow's; leave it out"
+                "--probe-patch {patch}: cells are followed of a solid, and {path} is a flow's; leave it out"
             ))),
             (true, _, true) => Err(Error::Input(
                 "--interpolate: of a displacement there is no interpolation; leave it out".into(),

@@ -6,7 +6,7 @@ use super::{Options, known};
 use crate::errors::FieldErrors;
 use crate::foam_case::{Description, FoamCase};
 use crate::signal;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_report::{Page, number, percent, seconds};
 use serde::Serialize;
 

@@ -3,7 +3,7 @@
 use super::mapping::Mapping;
 use super::motion::place;
 use crate::foam_case::FoamCase;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 
 /// How values of B become values at the cells of A: with `interpolate` also where the meshes differ.
 ///

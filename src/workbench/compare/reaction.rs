@@ -6,7 +6,7 @@
 use super::known;
 use super::report::{Row, both_runs, figures};
 use crate::foam_case::{self, FoamCase, Unknown};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_report::{Page, percent};
 use serde::Serialize;
 use std::collections::BTreeMap;

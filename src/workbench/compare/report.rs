@@ -3,7 +3,7 @@
 use super::Comparison;
 use crate::errors::FieldErrors;
 use crate::foam_case::Polygons;
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
 use m4gn_report::raster::Raster;
 use m4gn_report::{CellMap, Chart, Page, Series, Snapshot, Table, number, percent, seconds, snapshot};

@@ -1,6 +1,6 @@
 //! What the surrogate of a run left behind beside its fields: its own summary and table.
 
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 

@@ -1,11 +1,11 @@
 //! The elastic body of a solid's case.
 
 use super::FoamCase;
+use m4gn_base::Result;
 use m4gn_mesh::ElasticModes;
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
 use m4gn_model::modal::ModalOptions;
 use m4gn_modes::fem;
+use m4gn_parallel::Comm;
 
 impl FoamCase {
     /// Modes of the elastic body in the cells, as the function objects make them; none where the case has no

@@ -1,7 +1,7 @@
 //! Cell fields in the folder that a run starts from.
 
 use super::FoamCase;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use serde_json::json;
 use std::path::PathBuf;
 

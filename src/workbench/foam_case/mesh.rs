@@ -1,7 +1,8 @@
 //! The mesh of a case as the function objects hand it to the core: the same C++ code makes it.
 
 use super::FoamCase;
-use m4gn_mesh::{Mesh, NodeType, Result};
+use m4gn_base::Result;
+use m4gn_mesh::{Mesh, NodeType};
 use serde_json::json;
 
 impl FoamCase {

@@ -11,7 +11,7 @@ pub use solid::{Reaction, Unknown};
 use crate::foam_bridge;
 use crate::foam_bridge::CaseHandle;
 pub use crate::foam_bridge::LIBRARY;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use m4gn_modes::fem::HostBody;
 use serde::Deserialize;
 use serde_json::json;
@@ -45,7 +45,7 @@ pub struct Description {
     pub processors: usize,
     /// Name of the folder that a run starts from (`startFrom`, `startTime`): `0`.
     pub start: String,
-    /// Entries of its function object `m4gnSurrogate`, else `m4gnSegments`, else `m4gnHarvest`; none if it has none.
+    /// Entries of its function object `m4gnSurrogate`, else `m4gnSegments`, else `m4gnRecorder`; none if it has none.
     pub function_object: serde_json::Map<String, serde_json::Value>,
     /// Stored times, s, ascending.
     pub times: Vec<f64>,

@@ -1,7 +1,7 @@
 //! What a case of a solid says beside its displacement.
 
 use super::FoamCase;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use serde_json::json;
 
 /// The force on a patch of a solid at a time.

@@ -6,8 +6,8 @@ use super::parameter::Value;
 use super::process::Surroundings;
 use super::queue::{Case, other_number};
 use crate::digest::Digest;
+use m4gn_base::{Error, Result, files};
 use m4gn_data::{Split, Trajectory};
-use m4gn_mesh::{Error, Result, files};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -179,7 +179,7 @@ pub(crate) fn origin(family: &Family, seed: u64, index: u64, draw: &Draw) -> Vec
     entries
 }
 
-/// The dictionary `provenance` of m4gnHarvest.
+/// The dictionary `provenance` of m4gnRecorder.
 pub(crate) fn provenance(entries: &[(String, String)]) -> String {
     let lines: String = entries.iter().map(|(key, value)| format!("        {key:<15} {value};\n")).collect();
     format!("    provenance\n    {{\n{lines}    }}\n")
@@ -197,12 +197,12 @@ impl FamilyCase {
         Ok((times, steps))
     }
 
-    /// Entries of the function object m4gnHarvest, but the provenance.
+    /// Entries of the function object m4gnRecorder, but the provenance.
     fn entries(&self, delta_t: f64, steps: u32) -> String {
         // Half a step off, so that rounding of the times does not matter
         let start = self.spin_up - 0.5 * delta_t;
         format!(
-            "    type            m4gnHarvest;\n    libs            (m4gnFoam);\n    fields          ({});\n{}    \
+            "    type            m4gnRecorder;\n    libs            (m4gnFoam);\n    fields          ({});\n{}    \
              file            \"{RECORDING}\";\n    split           {};\n\n    timeStart       {start};\n    writeControl    \
              timeStep;\n    writeInterval   {steps};\n",
             self.family.recording.fields.join(" "),
@@ -226,7 +226,7 @@ impl FamilyCase {
             ("spinUp".into(), self.spin_up.to_string()),
             ("inputs".into(), inputs.clone()),
         ]);
-        entries = format!("harvest\n{{\n{entries}\n{}}}\n", provenance(&origin));
+        entries = format!("recorder\n{{\n{entries}\n{}}}\n", provenance(&origin));
         Ok((files, entries, inputs))
     }
 
@@ -369,7 +369,7 @@ fn recorded(folder: &Path, frames: u32, solver: &str) -> Result<(PathBuf, Trajec
         return Err(Error::file(
             folder.join(format!("log.{solver}")),
             format!(
-                "{solver} ended without a recording: the function object m4gnHarvest (libm4gnFoam.so) did not run; does \
+                "{solver} ended without a recording: the function object m4gnRecorder (libm4gnFoam.so) did not run; does \
                  the family's system/controlDict have 'functions {{ #include \"functions\" }}'?"
             ),
         ));

@@ -81,7 +81,6 @@ fn faster_flow_and_finer_meshes_need_more_steps() {
 fn every_placeholder_is_filled() {
     for (name, end) in [
         ("cylinder-flow", "7;"),
-        ("pressed-beam", "2.58;"),
         ("pressed-rubber", "2.58;"),
         ("vibrating-points", "2.6;"),
         ("vibrating-rubber", "2.6;"),

@@ -2,7 +2,7 @@
 
 use super::expression;
 use super::family::Draw;
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use serde::Deserialize;
 
 /// A command that makes the mesh or the first fields: a program and its arguments, in some or in all cases.

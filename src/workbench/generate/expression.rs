@@ -4,7 +4,7 @@
 //! `round`, `ceil`, and `steps(x)`: the smallest number of steps, at least x, that makes their length a short decimal. As on paper
 //! and in Python `-2**2` is -4 and `2**3**2` is 512. Each number on the way is finite, or the expression is an error.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::collections::BTreeMap;
 
 /// Numbers by name.

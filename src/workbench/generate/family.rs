@@ -7,7 +7,7 @@
 use super::command::Command;
 use super::expression::{self, Variables};
 use super::parameter::{self, Parameter, Setting, Settings, Value, check_decimals, is_word, rounded, shown};
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -88,7 +88,7 @@ fn six() -> i32 {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recording {
-    /// Fields, as the function object m4gnHarvest names them.
+    /// Fields, as the function object m4gnRecorder names them.
     pub fields: Vec<String>,
     /// Where the solver has its unknowns.
     #[serde(default)]
@@ -113,7 +113,7 @@ pub enum Location {
 }
 
 impl Location {
-    /// Entry of the function objects m4gnHarvest and m4gnSurrogate; none at cells, which is what they take without.
+    /// Entry of the function objects m4gnRecorder and m4gnSurrogate; none at cells, which is what they take without.
     pub(crate) fn entry(self) -> &'static str {
         match self {
             Location::Cells => "",

@@ -1,7 +1,7 @@
 //! Making training data: random cases of a family.
 //!
 //! [`queue`] runs many at once, whatever they are; [`process`] runs their programs. A [`family`] of OpenFOAM cases is a folder
-//! of data: [`parameter`] draws what it says, [`expression`] computes what follows, [`case`] writes and runs the case with its [`command`]s, and m4gnHarvest
+//! of data: [`parameter`] draws what it says, [`expression`] computes what follows, [`case`] writes and runs the case with its [`command`]s, and m4gnRecorder
 //! records. With FElupe, [`solids`] asks the Python package in `tools/`, which draws, simulates and records.
 
 pub mod case;

@@ -1,8 +1,8 @@
 //! What OpenFOAM's tools need to run: programs in PATH, our libraries, a folder that OpenFOAM can work in.
 
 use super::process::find_program;
-use m4gn_mesh::plugin::{find, folder_variable, places};
-use m4gn_mesh::{Error, Result};
+use m4gn_base::plugin::{find, folder_variable, places};
+use m4gn_base::{Error, Result};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 

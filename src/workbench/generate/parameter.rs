@@ -1,6 +1,6 @@
 //! Parameters of a family: what each is, what the user sets it to, and how it is drawn.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};

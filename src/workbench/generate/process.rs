@@ -1,7 +1,7 @@
 //! Running one tool: output into a log file, ended when it takes too long, the user stops, or this program ends.
 
 use super::guard::Guard;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -126,7 +126,7 @@ mod tests {
         run(surroundings(&GO, 9000), "echo $A").unwrap();
         assert_eq!(std::fs::read_to_string(dir.path().join("log.sh")).unwrap(), "b\n");
         let fatal =
-            "printf -- '--> FOAM FATAL ERROR: \\n\\nm4gnHarvest cannot record: full\\n\\n From\\n'; exit 1";
+            "printf -- '--> FOAM FATAL ERROR: \\n\\nm4gnRecorder cannot record: full\\n\\n From\\n'; exit 1";
         let message = run(surroundings(&GO, 9000), fatal).unwrap_err().to_string();
         assert!(message.contains("log.sh") && message.contains("cannot record: full"), "{message}");
         let killed = run(surroundings(&GO, 9000), "kill -9 $$").unwrap_err().to_string();

@@ -1,8 +1,8 @@
 //! Many cases at once: what is there is kept, what fails is reported and skipped.
 
 use super::process::Surroundings;
+use m4gn_base::{Error, Result};
 use m4gn_data::Split;
-use m4gn_mesh::{Error, Result};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;

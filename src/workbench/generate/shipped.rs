@@ -1,7 +1,7 @@
 //! Finding a family: in a folder of the user's, or among those that come with m4gn.
 
 use super::family::{FILE, Family};
-use m4gn_mesh::{Error, Result, plugin};
+use m4gn_base::{Error, Result, plugin};
 use std::path::{Path, PathBuf};
 
 impl Family {

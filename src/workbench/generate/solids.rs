@@ -5,9 +5,9 @@
 
 use super::process::Surroundings;
 use super::queue::{Case, other_number};
+use m4gn_base::plugin::folder_variable;
+use m4gn_base::{Error, Result};
 use m4gn_data::{Split, Trajectory};
-use m4gn_mesh::plugin::folder_variable;
-use m4gn_mesh::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// What is deformed.

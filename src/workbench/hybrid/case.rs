@@ -11,8 +11,8 @@ use crate::foam_case::FoamCase;
 use crate::generate::case::{Files, Times, origin, program, provenance};
 use crate::generate::family::Draw;
 use crate::generate::parameter::Settings;
-use m4gn_mesh::files::write_whole;
-use m4gn_mesh::{Error, Result};
+use m4gn_base::files::write_whole;
+use m4gn_base::{Error, Result};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -299,7 +299,7 @@ impl Job<'_> {
                 s.surrogate_steps
             ),
             // How far it goes a fit says itself.
-            false => format!("    linear          {{ interval {}; }}\n", s.interval),
+            false => format!("    dmd             {{ snapshotInterval {}; }}\n", s.interval),
         };
         // The function object allows for half a step of rounding.
         let start = s.start_up + s.solver_time;
@@ -325,7 +325,7 @@ impl Job<'_> {
             )));
         }
         Ok(format!(
-            "stretches\n{{\n    type            m4gnHarvest;\n    libs            (m4gnFoam);\n    fields          ({});\n{}    \
+            "stretches\n{{\n    type            m4gnRecorder;\n    libs            (m4gnFoam);\n    fields          ({});\n{}    \
              hybrid          stretches;\n    file            \"{}/{seed}-{index:04}-{name}.h5\";\n    overwrite       yes;\n    \
              writeControl    timeStep;\n    writeInterval   {};\n\n{}}}\n",
             recording.fields.join(" "),

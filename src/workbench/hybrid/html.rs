@@ -2,7 +2,7 @@
 
 use super::tables::{case_table, remarks, summary_tables, whole_time};
 use super::{DrawResult, Plan};
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
 use m4gn_report::{Chart, Page, Series};
 
@@ -44,7 +44,7 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
         x_label: "processor time of the whole run / full run [%]".into(),
         y_label: "error / hold last".into(),
         series: series.collect(),
-        // Variants are factors apart: a plain solver of a tenth of the error, an adaptation of ten times the cost.
+        // Variants are factors apart: a plain solver may have a tenth of the error.
         axis: Axis::Logarithmic,
     };
     page.svg(

@@ -23,7 +23,7 @@ use crate::generate::family::{Draw, Family, Hybrid};
 use crate::generate::parameter::Settings;
 use crate::generate::process::Surroundings;
 use crate::generate::queue;
-use m4gn_mesh::{Error, Result, files, plugin};
+use m4gn_base::{Error, Result, files, plugin};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -1,7 +1,7 @@
 //! The result of a run, as it is kept beside the cases.
 
 use super::score::Score;
-use m4gn_mesh::files;
+use m4gn_base::files;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::{Path, PathBuf};

@@ -2,7 +2,7 @@
 
 use crate::generate::family::{Family, Hybrid};
 use crate::generate::parameter::{Settings, is_word, parse_setting};
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use std::path::Path;
 
 /// Name of the full run.
@@ -13,9 +13,9 @@ pub(super) const NETWORK: &str = "network";
 /// the solver has in it.
 const HYBRIDS: [(&str, &str, &str, Option<&str>); 4] = [
     ("hybrid", NETWORK, "", None),
-    ("linear", "linear", "", None),
-    ("network-linear", "network linear", "control { tolerance 0.1; }", None),
-    ("linear-loose", "linear", "", Some("loose")),
+    ("dmd", "dmd", "", None),
+    ("network-dmd", "network dmd", "control { tolerance 0.1; }", None),
+    ("dmd-loose", "dmd", "", Some("loose")),
 ];
 
 /// One way to run a case.
@@ -52,7 +52,7 @@ impl Kind {
     }
 }
 
-/// The hybrids with the family's schedule, those of a network where there is a model, those of a linear surrogate where the family is of flows; then the variants `NAME=FILE` or `NAME=FILE,PARAMETER=VALUE,...`, whose file has
+/// The hybrids with the family's schedule, those of a network where there is a model, those of a dmd surrogate where the family is of flows; then the variants `NAME=FILE` or `NAME=FILE,PARAMETER=VALUE,...`, whose file has
 /// entries for the function object, and the plain solvers: those of the family, or, where any are given, these: `NAME` of the
 /// family's, or `NAME=PARAMETER=VALUE,...`. The hybrids have the family's `hybrid_set`.
 ///
@@ -75,7 +75,7 @@ pub fn variants(
     let mut all = Vec::new();
     for (name, surrogates, entries, plain) in HYBRIDS {
         let has = |kind| surrogates.split(' ').any(|s| s == kind);
-        if has(NETWORK) && !model || has("linear") && !flows {
+        if has(NETWORK) && !model || has("dmd") && !flows {
             continue;
         }
         let mut settings = schedule.hybrid_set.clone();
@@ -100,7 +100,7 @@ pub fn variants(
         family.check_settings(&settings)?;
         let entries = files::read_text(file)
             .map_err(|e| Error::file(Path::new(file), format!("cannot be read: {e}")))?;
-        all.push(hybrid(name, if model { NETWORK } else { "linear" }, &entries, settings));
+        all.push(hybrid(name, if model { NETWORK } else { "dmd" }, &entries, settings));
     }
     let own = schedule.plain.iter().map(|p| p.name.clone()).collect::<Vec<_>>();
     for text in if plain.is_empty() { &own } else { plain } {
@@ -115,7 +115,7 @@ pub fn variants(
             (None, Some(plain)) => (plain.name.clone(), plain.set.clone()),
             (None, None) => {
                 return Err(Error::Input(format!(
-                    "--plain {text}: expected NAME=PARAMETER=VALUE,..., none, or one of the family's: {}",
+                    "--baseline {text}: expected NAME=PARAMETER=VALUE,..., none, or one of the family's: {}",
                     own.join(", ")
                 )));
             }
@@ -154,17 +154,17 @@ mod tests {
         };
         assert_eq!(
             names(&hybrid, &[]).unwrap(),
-            ["hybrid", "linear", "network-linear", "linear-loose", "fp32", "loose", "coarse"]
+            ["hybrid", "dmd", "network-dmd", "dmd-loose", "fp32", "loose", "coarse"]
         );
-        assert_eq!(names(&[], &["none"]).unwrap(), ["hybrid", "linear", "network-linear", "linear-loose"]);
+        assert_eq!(names(&[], &["none"]).unwrap(), ["hybrid", "dmd", "network-dmd", "dmd-loose"]);
         // Without a model those that need none.
         let alone = variants(&family, &schedule, false, &[], &["none".into()]).unwrap();
-        assert_eq!(alone.iter().map(|v| v.name.as_str()).collect::<Vec<_>>(), ["linear", "linear-loose"]);
+        assert_eq!(alone.iter().map(|v| v.name.as_str()).collect::<Vec<_>>(), ["dmd", "dmd-loose"]);
         let loose = &schedule.plain.iter().find(|p| p.name == "loose").unwrap().set;
         assert!(loose.iter().all(|(name, value)| alone[1].kind.settings()[name] == *value));
-        // A variant is then the linear surrogate's.
-        let linear = variants(&family, &schedule, false, &hybrid, &["none".into()]).unwrap();
-        assert!(matches!(&linear[2].kind, Kind::Hybrid { surrogates: "linear", .. }), "{linear:?}");
+        // A variant is then the dmd surrogate's.
+        let dmd = variants(&family, &schedule, false, &hybrid, &["none".into()]).unwrap();
+        assert!(matches!(&dmd[2].kind, Kind::Hybrid { surrogates: "dmd", .. }), "{dmd:?}");
         let coarse = [hybrid[0].clone() + ",cells=0.5"];
         let all = variants(&family, &schedule, true, &coarse, &["none".into()]).unwrap();
         assert_eq!(all[4].kind.settings()["cells"].to_string(), "0.5");

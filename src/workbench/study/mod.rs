@@ -10,7 +10,7 @@ pub use report::Report;
 use crate::digest::Digest;
 use crate::generate::openfoam::absolute;
 use crate::generate::process::Surroundings;
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result, files};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -85,11 +85,6 @@ impl Job<'_> {
             .map_err(|e| Error::file(&self.place, format!("cannot be made: {e}")))?;
         let at = |name: &str| self.place.join(name);
         let config = self.plan.config(self.data, self.network)?;
-        // Networks are compared as they are: bodies without contact projection, as in the paper.
-        let way: &[&str] = match config.parse::<toml::Table>() {
-            Ok(keys) if keys.contains_key("contact") => &["--projection", "off"],
-            _ => &[],
-        };
         let mut digest = Digest::default();
         digest.add("config", config.as_bytes());
         add_data(&mut digest, &self.data.train)?;
@@ -120,14 +115,13 @@ impl Job<'_> {
             let mut digest = digest;
             add_data(&mut digest, &test.data)?;
             digest.add("split", test.split.as_bytes());
-            digest.add("options", way.concat().as_bytes());
             let more = count.map_or(String::new(), |n| format!("-{n}-segments"));
             let file = format!("{}{more}.json", test.name);
             let record = |text: String| serde_json::from_str::<Value>(&text).ok();
             let kept = fs::read_to_string(at(&file)).ok().and_then(record);
             let figures = match kept.filter(|v| v["made_from"] == Value::String(digest.text())) {
                 Some(figures) => figures,
-                None => self.validate(test, count, way, (&at(&file), &digest.text()))?,
+                None => self.validate(test, count, (&at(&file), &digest.text()))?,
             };
             found.push((test.name.clone(), count, figures));
         }
@@ -140,16 +134,9 @@ impl Job<'_> {
         })
     }
 
-    fn validate(
-        &self,
-        test: &Test,
-        count: Option<usize>,
-        way: &[&str],
-        (file, digest): (&Path, &str),
-    ) -> Result<Value> {
+    fn validate(&self, test: &Test, count: Option<usize>, (file, digest): (&Path, &str)) -> Result<Value> {
         let mut validate = words("validate --model model.safetensors --json validate.json --split");
         validate.extend([test.split.clone(), "--data".into(), path(&test.data)?]);
-        validate.extend(way.iter().map(|word| word.to_string()));
         validate.extend(count.into_iter().flat_map(|n| ["--segments".into(), n.to_string()]));
         let written = self.place.join("validate.json");
         let _ = fs::remove_file(&written);

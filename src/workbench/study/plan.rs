@@ -1,6 +1,7 @@
 //! What a study is made of: a TOML file with data sets, networks and seeds, of which each with each makes a cell.
 
-use m4gn_mesh::{Error, Result, files};
+use m4gn_base::{Error, Result};
+use m4gn_train::delta::{self, merge, remove};
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -99,15 +100,13 @@ fn all() -> String {
 }
 
 impl Plan {
-    /// Reads and checks a file. Its paths are taken from its folder.
+    /// Reads and checks a file, which may have a `base` ([`delta`]). Its paths are taken from its folder.
     ///
     /// # Errors
     /// [`Error::File`] that names the file and the entry.
     pub fn read(path: &Path) -> Result<Self> {
-        let wrong = |message: String| Error::file(path, message);
-        let text = files::read_text(path).map_err(|e| wrong(format!("cannot be read: {e}")))?;
-        let mut plan: Plan = toml::from_str(&text).map_err(|e| wrong(e.to_string()))?;
-        plan.check().map_err(wrong)?;
+        let mut plan: Plan = delta::read(path)?;
+        plan.check().map_err(|message| Error::file(path, message))?;
         let folder = path.parent().unwrap_or(Path::new(""));
         for data in &mut plan.data {
             data.train = folder.join(&data.train);
@@ -203,11 +202,9 @@ impl Plan {
     /// the learning rate reaches its end with it.
     ///
     /// # Errors
-    /// [`Error::File`] if the file cannot be read or is no TOML.
+    /// As [`delta::table`].
     pub fn config(&self, data: &Data, network: &Network) -> Result<String> {
-        let wrong = |message: String| Error::file(&data.config, message);
-        let text = files::read_text(&data.config).map_err(|e| wrong(format!("cannot be read: {e}")))?;
-        let mut config: Table = text.parse().map_err(|e| wrong(format!("{e}")))?;
+        let mut config = delta::table(&data.config)?;
         merge(&mut config, &data.set);
         let mut chain = vec![network];
         while let Some(base) = chain[0].base.as_ref().and_then(|b| self.network.iter().find(|n| n.name == *b))
@@ -215,7 +212,9 @@ impl Plan {
             chain.insert(0, base);
         }
         for network in chain {
-            network.remove.iter().for_each(|key| remove(&mut config, key));
+            network.remove.iter().for_each(|key| {
+                remove(&mut config, key);
+            });
             merge(&mut config, &network.set);
         }
         let training = config.entry("training").or_insert_with(|| Table::new().into());
@@ -240,32 +239,6 @@ impl Plan {
 
 fn names<T>(all: &[T], name: impl Fn(&T) -> &String) -> Vec<&String> {
     all.iter().map(name).collect()
-}
-
-/// Entries of `from` in place of those of `to`, tables within tables.
-fn merge(to: &mut Table, from: &Table) {
-    for (key, value) in from {
-        match (to.get_mut(key), value) {
-            (Some(Value::Table(to)), Value::Table(from)) => merge(to, from),
-            _ => {
-                to.insert(key.clone(), value.clone());
-            }
-        }
-    }
-}
-
-/// Takes out a key such as `model.layers`.
-fn remove(table: &mut Table, key: &str) {
-    match key.split_once('.') {
-        None => {
-            table.remove(key);
-        }
-        Some((first, rest)) => {
-            if let Some(inner) = table.get_mut(first).and_then(Value::as_table_mut) {
-                remove(inner, rest);
-            }
-        }
-    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! What came of a study: a table a test, for people (text, HTML, Markdown, LaTeX) and for programs (JSON).
 
 use super::{Cell, Plan};
-use m4gn_mesh::{Result, files};
+use m4gn_base::{Result, files};
 use m4gn_report::{Page, Table, number};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -12,7 +12,7 @@ const BASELINES: [(&str, &str); 4] = [
     ("persistence", "persistence"),
     ("hold_first", "hold first"),
     ("extrapolation", "extrapolation"),
-    ("linear", "linear (HODMD)"),
+    ("dmd", "dmd"),
 ];
 
 /// Horizons of the paper's tables.
@@ -132,7 +132,7 @@ impl Report {
     /// Writes `study.json`, `study.html`, `study.md` and `study.tex` into a folder.
     ///
     /// # Errors
-    /// [`m4gn_mesh::Error::File`] for the one that cannot be written.
+    /// [`m4gn_base::Error::File`] for the one that cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
         let mut page = Page::new(&self.title);
         let (mut markdown, mut latex) = (format!("# {}\n", self.title), String::new());
@@ -301,7 +301,7 @@ mod tests {
             "The median of M4GN is 33 % below that of the best network of another kind, GCN",
             "0.200 ± 0.071",
             "persistence",
-            "linear (HODMD)",
+            "dmd",
             "2 trajectories",
         ] {
             assert!(text.contains(expected), "{expected}: {text}");

@@ -3,16 +3,17 @@
 use super::prediction::{FieldErrors, Prediction};
 use super::scene::Scene;
 use crate::errors::SquaredError;
-use m4gn_linear::{Field, FitSettings, Linear, Settings, Storage};
-use m4gn_mesh::Result;
-use m4gn_mesh::parallel::Comm;
+use m4gn_base::Result;
+use m4gn_dmd::{FitSettings, OnlineDmd, Settings, Storage};
+use m4gn_parallel::Comm;
+use m4gn_state::Array;
 use std::borrow::Cow;
 
 /// The row of a baseline on a scene.
 type Baseline = fn(&Scene) -> Result<Prediction>;
 
 /// All of them, in the order of the tables.
-const BASELINES: [Baseline; 4] = [persistence, extrapolation, linear, hold_first];
+const BASELINES: [Baseline; 4] = [persistence, extrapolation, dmd, hold_first];
 
 /// The rows of all baselines.
 ///
@@ -58,15 +59,16 @@ fn extrapolation(scene: &Scene) -> Result<Prediction> {
 
 /// A surrogate that is fitted to the frames before (higher-order dynamic mode decomposition), a stride ahead; where they are too few for
 /// a fit, the last one is held. A rollout from the first frame has no history to be fitted to.
-fn linear(scene: &Scene) -> Result<Prediction> {
+fn dmd(scene: &Scene) -> Result<Prediction> {
     let pace = scene.pace();
     let stride = pace.interval * pace.frames as f64;
-    let settings =
-        Settings { interval: stride, storage: Storage::Single, fit: FitSettings::default(), held: 0 };
-    let every = settings.fit.tail;
+    // A trajectory has no jumps, whose first states a longer window would leave behind.
+    let fit = FitSettings { min_snapshots: 24, ..FitSettings::default() };
+    let every = fit.hold_out;
+    let settings = Settings { interval: stride, storage: Storage::Single, fit, held: 0 };
     let fields =
-        (0..scene.n_fields()).map(|k| Field::weighted(&k.to_string(), scene.width(k), scene.volumes()));
-    let mut fitted = Linear::new(&Comm::serial(), fields.collect(), settings)?;
+        (0..scene.n_fields()).map(|k| Array::solved(&k.to_string(), scene.width(k), scene.volumes()));
+    let mut fitted = OnlineDmd::new(&Comm::serial(), fields.collect(), settings)?;
     let mut errors = vec![FieldErrors::default(); scene.n_fields()];
     for i in 0..pace.steps {
         let state: Vec<&[f64]> = (0..scene.n_fields()).map(|k| scene.truth(k, i)).collect();
@@ -84,8 +86,8 @@ fn linear(scene: &Scene) -> Result<Prediction> {
         }
     }
     Ok(Prediction {
-        key: "linear",
-        name: "linear, fitted to the frames before",
+        key: "dmd",
+        name: "dmd, fitted to the frames before",
         fields: errors,
         ..Prediction::default()
     })

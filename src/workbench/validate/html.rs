@@ -3,7 +3,7 @@
 use super::summary::{summaries, that_count};
 use super::{Case, Prediction, pictures};
 use crate::errors::SquaredError;
-use m4gn_mesh::Result;
+use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
 use m4gn_report::seconds;
@@ -11,9 +11,8 @@ use m4gn_report::{Chart, Page, Series};
 
 type Colour = (u8, u8, u8);
 
-/// Colours of the ways to predict; green is told apart from the others by colour-blind people too.
-const COLOURS: [(&str, Colour); 4] =
-    [("hold_first", GREY), ("persistence", BLUE), ("model", ORANGE), ("projected", (0, 158, 115))];
+/// Colours of the ways to predict.
+const COLOURS: [(&str, Colour); 3] = [("hold_first", GREY), ("persistence", BLUE), ("model", ORANGE)];
 
 /// The report on a model.
 ///
@@ -26,7 +25,7 @@ pub fn report(model: &str, spec: &ModelSpec, cases: &[Case]) -> Result<Page> {
         "Model {model}, stride {} s. Root-mean-square errors over nodes, solved components and steps, averaged over \
          trajectories; boundary values, held points and the motion of an obstacle are prescribed. RMSE-1: one step from every \
          frame at the model's stride. RMSE-50 and RMSE-all: rollouts from the first frame, over its first {} s and over all. \
-         Persistence holds the recorded frame one stride before, extrapolation is the line through the two before, linear a dynamic mode decomposition fitted to the frames before, hold first \
+         Persistence holds the recorded frame one stride before, extrapolation is the line through the two before, dmd a dynamic mode decomposition fitted to the frames before, hold first \
          the first one.",
         spec.stride,
         cases.first().map_or("-".into(), |c| seconds(c.horizon))

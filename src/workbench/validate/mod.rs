@@ -11,8 +11,7 @@
 //!
 //! Beside the model stand predictions that know nothing (`baselines`). Of a domain with elements there are mesh
 //! metrics as well ([`m4gn_domain::body::quality`], means over the steps of the rollout) and, where an obstacle may touch it, gaps
-//! (the smallest of all steps, in mean edges): see [`Shape`]. A rollout with contact projection is one whose session
-//! projects after each step.
+//! (the smallest of all steps, in mean edges): see [`Shape`].
 
 mod baselines;
 mod html;
@@ -32,42 +31,20 @@ pub use series::write as write_series;
 pub use shape::Shape;
 pub use summary::{Figures, Row, Summary, headline, json, summaries};
 
+use m4gn_base::{Error, Result};
 use m4gn_data::{Split, Trajectory};
 use m4gn_domain::Kind;
-use m4gn_domain::body::projection::ProjectionOptions;
-use m4gn_mesh::parallel::Comm;
-use m4gn_mesh::{Error, Result};
 use m4gn_model::{FieldSpec, Model};
+use m4gn_parallel::Comm;
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use m4gn_structure::diameter;
 use std::path::PathBuf;
 
 pub use m4gn_train::HORIZON;
 
-/// A way to roll a model out.
-#[derive(Clone, Copy, Debug)]
-pub struct Way {
-    /// Name in figures files.
-    pub key: &'static str,
-    /// Name for people.
-    pub name: &'static str,
-    /// Contact projection after each step of a body.
-    pub projection: Option<ProjectionOptions>,
-}
-
-impl Way {
-    /// The model's steps as they are.
-    pub const PLAIN: Way = Way { key: "model", name: "model", projection: None };
-
-    /// With contact projection after each step.
-    pub fn projected(options: ProjectionOptions) -> Self {
-        Way { key: "projected", name: "model, projected", projection: Some(options) }
-    }
-
-    /// Steps of a trajectory: the progress of [`run`] is called that often.
-    pub fn steps(pace: Pace) -> usize {
-        2 * pace.steps
-    }
+/// Steps of a trajectory: the progress of [`run`] is called that often.
+pub fn steps(pace: Pace) -> usize {
+    2 * pace.steps
 }
 
 /// What a trajectory gave.
@@ -87,27 +64,28 @@ pub struct Case {
     pub fields: Vec<(String, String)>,
     /// Times of the steps' ends, from the first frame, s.
     pub times: Vec<f64>,
-    /// The model's rollouts, then the predictions that know nothing.
+    /// The model's, then the predictions that know nothing.
     pub predictions: Vec<Prediction>,
     /// Smallest gap of the data at the steps' ends, mean edges; empty where nothing may touch.
     pub data_gap: Vec<f64>,
     /// Processor time of the solver that made the data, s a frame, where it was recorded.
     pub solver: Option<f64>,
-    /// Segment of each node, of the last of the model's rollouts; empty for networks without segments.
+    /// Segment of each node, of the model's session; empty for networks without segments.
     pub node_segment: Vec<i32>,
     /// In which respects mesh and recorded states lie outside of what the model was trained on, for people.
     pub outside: Vec<String>,
 }
 
 impl Case {
-    /// What a model's `predictions` on a scene gave, with those that know nothing.
+    /// What a model's `prediction` on a scene gave, with those that know nothing.
     fn of(
         trajectory: &Trajectory,
         scene: &Scene,
         fields: &[FieldSpec],
         horizon: Option<f64>,
-        mut predictions: Vec<Prediction>,
+        prediction: Prediction,
     ) -> Result<Self> {
+        let mut predictions = vec![prediction];
         predictions.extend(baselines::all(scene)?);
         let pace = scene.pace();
         let names = predicted(fields).into_iter();
@@ -133,9 +111,9 @@ impl Case {
         self.predictions.iter().find_map(|p| p.diverged.as_deref())
     }
 
-    /// The last rollout of the model whose states were kept: the one with contact projection, where there is one.
+    /// The rollout whose states were kept.
     pub fn kept(&self) -> Option<&Prediction> {
-        self.predictions.iter().rfind(|p| !p.kept.is_empty())
+        self.predictions.iter().find(|p| !p.kept.is_empty())
     }
 }
 
@@ -190,7 +168,7 @@ pub fn fits(model: &Model, trajectory: &Trajectory) -> Result<Pace> {
     Pace::new(trajectory.times(), model.spec.stride)
 }
 
-/// Rolls the model out on a trajectory in each of the ways. `progress` is called after each step, and ends the run with an
+/// Rolls the model out on a trajectory. `progress` is called after each step, and ends the run with an
 /// error of its own; `horizon` is the time that RMSE-50 covers, s.
 ///
 /// # Errors
@@ -199,27 +177,24 @@ pub fn run(
     model: &Model,
     trajectory: &Trajectory,
     options: &SessionOptions,
-    ways: &[Way],
     (horizon, keep): (Option<f64>, Keep),
     progress: &mut dyn FnMut() -> Result<()>,
 ) -> Result<Case> {
     let pace = fits(model, trajectory)?;
     let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
-    let (mut predictions, mut outside, mut node_segment) = (Vec::new(), Vec::new(), Vec::new());
-    for way in ways {
-        let options = SessionOptions { projection: way.projection, ..options.clone() };
-        let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, &options)?;
-        node_segment = session.cell_segment().to_vec();
-        let seen = if keep == Keep::Nothing && !node_segment.is_empty() { Keep::Shown } else { keep };
+    let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, options)?;
+    let node_segment = session.cell_segment().to_vec();
+    let seen = if keep == Keep::Nothing && !node_segment.is_empty() { Keep::Shown } else { keep };
+    let mut outside = Vec::new();
+    let mut prediction = {
         let mut step = stepper(&mut session, trajectory, &mut outside);
-        let mut prediction = scene.predict((way.key, way.name), seen, &mut step, progress)?;
-        prediction.over_segments = scene.over_segments(&prediction.kept, &node_segment);
-        if keep == Keep::Nothing {
-            prediction.kept.clear();
-        }
-        predictions.push(prediction);
+        scene.predict(("model", "model"), seen, &mut step, progress)?
+    };
+    prediction.over_segments = scene.over_segments(&prediction.kept, &node_segment);
+    if keep == Keep::Nothing {
+        prediction.kept.clear();
     }
-    let case = Case::of(trajectory, &scene, &model.spec.fields, horizon, predictions)?;
+    let case = Case::of(trajectory, &scene, &model.spec.fields, horizon, prediction)?;
     Ok(Case { node_segment, outside, ..case })
 }
 
@@ -231,16 +206,12 @@ pub fn stepper<'a>(
     outside: &'a mut Vec<String>,
 ) -> impl FnMut(&[Field], &mut [FieldMut], Given) -> Result<()> + 'a {
     let has_obstacle = trajectory.obstacle().is_some();
-    let moves = m4gn_domain::moves(session.spec());
     move |fields, out, given| {
         if has_obstacle {
             session.set_obstacle(given.motion[0], given.motion[1])?;
         }
-        if let (true, Some((before, obstacle))) = (moves, given.before) {
-            session.set_before(before.as_chunks().0, obstacle)?;
-        }
         let done = session.step(fields, out);
-        if given.before.is_some() {
+        if given.recorded {
             let found = session.outside();
             if found.len() > outside.len() {
                 *outside = found;

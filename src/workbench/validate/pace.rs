@@ -1,6 +1,6 @@
 //! Frames of a data set against the stride of a model.
 
-use m4gn_mesh::{Error, Result};
+use m4gn_base::{Error, Result};
 
 /// How the frames of a trajectory and the model's stride fit.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,8 +1,8 @@
 //! Pictures of one rollout on the cells of a flow: the recorded headline field, the predicted one and their difference at some steps.
 
 use super::{Case, Prediction};
+use m4gn_base::Result;
 use m4gn_data::Trajectory;
-use m4gn_mesh::Result;
 use m4gn_report::{CellMap, FieldPicture, Snapshot, snapshot};
 
 /// Width of one panel, pixels.

@@ -3,11 +3,12 @@
 use super::prediction::{FieldErrors, Keep, Prediction};
 use super::{pace::Pace, shape::Shape};
 use crate::errors::SquaredError;
+use m4gn_base::{Error, Result};
 use m4gn_data::{Frame, Trajectory};
 use m4gn_domain::Boundary;
 use m4gn_domain::body::quality::Quality;
+use m4gn_mesh::Mesh;
 use m4gn_mesh::vector::Vector;
-use m4gn_mesh::{Error, Mesh, Result};
 use m4gn_model::{FieldSpec, Output};
 use m4gn_step::{Field, FieldMut};
 use std::borrow::Cow;
@@ -19,10 +20,8 @@ use std::time::Instant;
 pub struct Given<'a> {
     /// Displacement of the obstacle's points at the start and at the end of the step, m; empty without obstacle.
     pub motion: [&'a [Vector]; 2],
-    /// Of a step that starts from a recorded frame: the headline field at the nodes in the recorded frame one stride before, and the
-    /// displacement of the obstacle's points there; in the first frame of a trajectory, before which nothing moved, these themselves.
-    /// None where the step goes on from the result of the last one.
-    pub before: Option<(&'a [f64], &'a [Vector])>,
+    /// Whether the step starts from a recorded frame, and not from the result of the last one.
+    pub recorded: bool,
 }
 
 /// Takes all fields one stride on, from the first into the second.
@@ -329,11 +328,7 @@ impl<'a> Scene<'a> {
         let places = self.tracks.iter().zip(next);
         let mut out: Vec<FieldMut> =
             places.map(|(t, cells)| FieldMut { name: &t.spec.name, components: t.width, cells }).collect();
-        let before = i.saturating_sub(1);
-        let given = Given {
-            motion: [at::<Vec<Vector>>(&self.motion, i), at::<Vec<Vector>>(&self.motion, i + 1)],
-            before: recorded.then(|| (self.truth(0, before), &self.motion[before][..])),
-        };
+        let given = Given { motion: [self.motion(i), self.motion(i + 1)], recorded };
         let began = Instant::now();
         let done = step(&fields, &mut out, given);
         seconds.0 += began.elapsed().as_secs_f64();

@@ -1,16 +1,15 @@
 //! A rollout for ParaView: the true shape, the predicted one and the obstacle, step by step.
 
 use super::{Case, scene::recorded};
+use m4gn_base::{Error, Result};
 use m4gn_data::Trajectory;
 use m4gn_mesh::vector::{Vector, moved};
-use m4gn_mesh::{Error, Result};
 use m4gn_report::vtu::pvd;
 use m4gn_report::{Grid, write_file};
 use std::path::Path;
 
 /// Writes `truth.pvd`, `prediction.pvd` and `obstacle.pvd` with their files into a folder, which is made. Points lie where
-/// they are; vectors are the displacement `D` (m) and, of the prediction, `D_true` and `error` = D - D_true. The rollout is
-/// the one with contact projection, where there is one.
+/// they are; vectors are the displacement `D` (m) and, of the prediction, `D_true` and `error` = D - D_true.
 ///
 /// # Errors
 /// When the trajectory is none of a body or cannot be read again, no step of the rollout was kept, or a file cannot be

@@ -1,13 +1,14 @@
 //! What is measured of a domain with elements beside its fields: how its shape differs from the true one, and the gap of what
 //! may touch: to the obstacle, and between the body's parts.
 
+use m4gn_base::Result;
 use m4gn_data::Trajectory;
 use m4gn_domain::body::gap::{Gap, Samples, cell_size};
-use m4gn_domain::body::projection::BetweenParts;
+use m4gn_domain::body::parts::BetweenParts;
 use m4gn_domain::body::quality::{Comparison, Quality};
+use m4gn_mesh::NodeType;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::vector::{Vector, moved};
-use m4gn_mesh::{NodeType, Result};
 
 /// A body and the obstacle that may touch it.
 pub struct Shape<'a> {

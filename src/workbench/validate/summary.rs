@@ -262,9 +262,9 @@ impl Summary {
         text
     }
 
-    /// Solver's time over the time of a step of the model's last row, which projects where one does.
+    /// Solver's time over the time of a step of the model.
     fn ratio(&self) -> Option<f64> {
-        let own = self.rows.iter().filter_map(Row::step_ms).next_back()?;
+        let own = self.rows.iter().find_map(Row::step_ms)?;
         self.solver_ms.filter(|_| own > 0.0).map(|s| s / own)
     }
 

@@ -1,6 +1,7 @@
 //! Figures on paper; predictions whose errors are known, and sessions, on the trajectory of a body that Python wrote: 12
 //! points, 4 frames, 0.01 s apart.
 
+use super::prediction::Prediction;
 use super::*;
 use crate::errors::SquaredError;
 use m4gn_domain::body::quality::Quality;
@@ -144,14 +145,10 @@ fn known(stride: f64, mut wrong: impl FnMut(&mut [f64], &Trajectory) -> Result<(
     let mut step = |fields: &[Field], out: &mut [FieldMut], given: Given| {
         let k = (0..pace.steps).find(|&k| scene.motion(k) == given.motion[0]).unwrap();
         assert_eq!(scene.motion(k + 1), given.motion[1]);
-        // A step goes on from the last one, or is told of the recorded frame before its own.
-        match given.before {
-            Some((before, obstacle)) => {
-                let frame = k.saturating_sub(1);
-                assert_eq!((before, obstacle), (scene.truth(0, frame), scene.motion(frame)));
-                assert_eq!(fields[0].cells, scene.truth(0, k));
-            }
-            None => assert_eq!(followed, Some(k)),
+        // A step starts from a recorded frame, or goes on from the last one.
+        match given.recorded {
+            true => assert_eq!(fields[0].cells, scene.truth(0, k)),
+            false => assert_eq!(followed, Some(k)),
         }
         followed = Some(k + 1);
         out[0].cells.copy_from_slice(scene.truth(0, k + 1));
@@ -163,8 +160,8 @@ fn known(stride: f64, mut wrong: impl FnMut(&mut [f64], &Trajectory) -> Result<(
         Ok(())
     };
     let model = scene.predict(("model", "model"), Keep::All, &mut step, &mut count);
-    assert!(calls <= Way::steps(pace));
-    let mut case = Case::of(&t, &scene, &fields, None, vec![model.unwrap()]).unwrap();
+    assert!(calls <= steps(pace));
+    let mut case = Case::of(&t, &scene, &fields, None, model.unwrap()).unwrap();
     case.solver = Some(0.5);
     case
 }
@@ -256,9 +253,9 @@ fn a_fit_needs_a_history() {
     let case = known(0.01, |_, _| Ok(()));
     let rows = case.rows();
     let row = |key: &str| rows.iter().find(|r| r.key == key).unwrap().figures[0];
-    assert_eq!(row("linear").rmse_1, row("persistence").rmse_1);
-    assert!(row("linear").rmse_all.is_nan());
-    assert!(json(&[case])["linear"]["rmse_all"].is_null());
+    assert_eq!(row("dmd").rmse_1, row("persistence").rmse_1);
+    assert!(row("dmd").rmse_all.is_nan());
+    assert!(json(&[case])["dmd"]["rmse_all"].is_null());
 }
 
 /// A vortex that is carried along: once there are frames enough the fit knows the next one, where holding is off.
@@ -270,16 +267,16 @@ fn a_fit_knows_what_is_carried_along() {
     let spec = m4gn_samples::model::spec();
     let pace = Pace::new(t.times(), 0.01).unwrap();
     let scene = Scene::read(&t, &spec.fields, pace).unwrap();
-    let case = Case::of(&t, &scene, &spec.fields, None, Vec::new()).unwrap();
+    let case = Case::of(&t, &scene, &spec.fields, None, Prediction::default()).unwrap();
     let last = |key: &str| {
         let row = case.predictions.iter().find(|p| p.key == key).unwrap();
         row.fields[0].single.last().unwrap().rmse()
     };
     assert!(pace.steps > 26, "{}", pace.steps);
-    assert!(last("linear") < 0.2 * last("persistence"), "{} {}", last("linear"), last("persistence"));
+    assert!(last("dmd") < 0.2 * last("persistence"), "{} {}", last("dmd"), last("persistence"));
 }
 
-/// A model of bodies whose steps change next to nothing: the obstacle sinks into the body where nothing projects.
+/// A model of bodies whose steps change next to nothing: the obstacle sinks into the body.
 fn still() -> Model {
     let mut spec = m4gn_samples::model::bodies();
     spec.segments.count = 2;
@@ -311,32 +308,28 @@ fn a_rollout_of_a_body_is_a_trajectory() {
 }
 
 #[test]
-fn a_session_projects_and_lifts_the_gap() {
+fn an_obstacle_that_sinks_in_is_told() {
     let t = Trajectory::open(FILE).unwrap();
-    let ways = [Way::PLAIN, Way::projected(ProjectionOptions::default())];
     let mut calls = 0;
     let mut count = || {
         calls += 1;
         Ok(())
     };
     let options = SessionOptions::default();
-    let case = run(&still(), &t, &options, &ways, (None, Keep::Shown), &mut count).unwrap();
+    let case = run(&still(), &t, &options, (None, Keep::Shown), &mut count).unwrap();
     let rows = case.rows();
     let keys: Vec<&str> = rows.iter().map(|r| r.key).collect();
-    assert_eq!(keys, ["model", "projected", "persistence", "extrapolation", "linear", "hold_first"]);
-    let [model, projected] = [0, 1].map(|i: usize| rows[i].gap.unwrap());
-    assert!(model < -0.1 && projected >= -0.02, "{model} {projected}");
+    assert_eq!(keys, ["model", "persistence", "extrapolation", "dmd", "hold_first"]);
+    assert!(rows[0].gap.unwrap() < -0.1, "{:?}", rows[0].gap);
     // Standing still is holding the first frame, to what such a step adds.
-    let [model, hold] = [0, 5].map(|i| figures(&case, i)[2]);
+    let [model, hold] = [0, 4].map(|i| figures(&case, i)[2]);
     assert!((model / hold - 1.0).abs() < 1e-3, "{model} {hold}");
-    assert_eq!(calls, 2 * Way::steps(case.pace));
+    assert_eq!(calls, steps(case.pace));
     let figures = json(std::slice::from_ref(&case));
-    let rows = figures.pointer("/cases/0/projected/over_segments").and_then(Value::as_array).unwrap();
+    let rows = figures.pointer("/cases/0/model/over_segments").and_then(Value::as_array).unwrap();
     assert_eq!(rows.len(), case.kept().unwrap().kept.len());
     let count = 1 + case.node_segment.iter().max().copied().unwrap() as usize;
     assert_eq!(rows[0]["rmse"].as_array().unwrap().len(), count);
-    // The rollout that projects is the one that is shown
-    assert_eq!(case.kept().unwrap().key, "projected");
     assert!(case.diverged().is_none());
 }
 
@@ -364,8 +357,7 @@ fn a_flow_whose_field_has_another_name() {
     spec.fields.reverse();
     let model = Model::random(spec, 3).unwrap();
     let options = SessionOptions::default();
-    let go =
-        |model: &Model| run(model, &t, &options, &[Way::PLAIN], (Some(0.1), Keep::Shown), &mut || Ok(()));
+    let go = |model: &Model| run(model, &t, &options, (Some(0.1), Keep::Shown), &mut || Ok(()));
     let case = go(&model).unwrap();
     let names: Vec<&str> = case.fields.iter().map(|f| f.0.as_str()).collect();
     assert_eq!(names, ["U", "p"]);
@@ -428,7 +420,7 @@ fn fields_that_are_read_and_not_predicted_are_those_of_the_record() {
     spec.segments.method = m4gn_model::SegmentMethod::Metis;
     let model = Model::random(spec, 3).unwrap();
     let options = SessionOptions::default();
-    let case = run(&model, &t, &options, &[Way::PLAIN], (None, Keep::Shown), &mut || Ok(())).unwrap();
+    let case = run(&model, &t, &options, (None, Keep::Shown), &mut || Ok(())).unwrap();
     assert_eq!(case.fields.len(), 1);
     assert!(figures(&case, 0)[0].is_finite());
 }

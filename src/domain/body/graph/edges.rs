@@ -194,7 +194,7 @@ mod tests {
     use crate::Domain;
     use crate::body::part::BodyPart;
     use m4gn_mesh::NodeType;
-    use m4gn_mesh::parallel::Comm;
+    use m4gn_parallel::Comm;
     use m4gn_samples::bodies as sample;
     use m4gn_structure::Structure;
 

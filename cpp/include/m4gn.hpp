@@ -1,0 +1,496 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// m4gn.h for C++ (14 and later): objects that free themselves, errors as exceptions. Header only.
+
+#ifndef M4GN_HPP
+#define M4GN_HPP
+
+#include "m4gn.h"
+
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace m4gn
+{
+
+// A failed call. status() is that of m4gn.h: > 0 the object is still usable, < 0 it is not.
+class Error : public std::runtime_error
+{
+public:
+    Error(int32_t status, const std::string& message) : std::runtime_error(message), status_(status) {}
+
+    int32_t status() const noexcept { return status_; }
+
+private:
+    int32_t status_;
+};
+
+// Throws the last error unless the status is fine.
+inline void check(int32_t status)
+{
+    if (status != M4GN_OK) {
+        throw Error(status, m4gn_last_error());
+    }
+}
+
+// Throws if the library is not the one that this header describes.
+inline void checkVersion()
+{
+    if (m4gn_abi_version() != M4GN_ABI_VERSION) {
+        throw Error(
+            M4GN_ERROR_INTERNAL, "libm4gn.so has interface version " + std::to_string(m4gn_abi_version())
+                                     + ", this program was built for " + std::to_string(M4GN_ABI_VERSION)
+                                     + ": build it again");
+    }
+}
+
+namespace detail
+{
+struct Free
+{
+    void operator()(m4gn_model* model) const noexcept { m4gn_model_free(model); }
+    void operator()(m4gn_session* session) const noexcept { m4gn_session_free(session); }
+    void operator()(m4gn_segments* segments) const noexcept { m4gn_segments_free(segments); }
+    void operator()(m4gn_modes* modes) const noexcept { m4gn_modes_free(modes); }
+    void operator()(m4gn_recorder* recorder) const noexcept { m4gn_recorder_free(recorder); }
+    void operator()(m4gn_ride* ride) const noexcept { m4gn_ride_free(ride); }
+};
+
+template <class Type> using Handle = std::unique_ptr<Type, Free>;
+
+// What the call makes.
+template <class Type, class Call> Handle<Type> made(const Call& call)
+{
+    checkVersion();
+    Type* object = nullptr;
+    check(call(&object));
+    return Handle<Type>(object);
+}
+
+} // namespace detail
+
+// Throws if these settings (the text of a JSON object, see m4gn.h) are not valid for m4gn_<kind>_new.
+inline void checkOptions(const std::string& kind, const std::string& options)
+{
+    check(m4gn_options_check(kind.c_str(), options.c_str()));
+}
+
+// A text as JSON has it, quotes included.
+inline std::string quoted(const std::string& text)
+{
+    std::string result("\"");
+    for (const char c : text) {
+        if (c == '"' || c == '\\') {
+            result += '\\';
+        }
+        result += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
+    }
+    return result + '"';
+}
+
+// A model file, read once. Made by all ranks together.
+class Model
+{
+public:
+    Model(int32_t comm, const std::string& path)
+        : model_(detail::made<m4gn_model>(
+            [&](m4gn_model** made) { return m4gn_model_open(comm, path.c_str(), made); }))
+    {}
+
+    // Modes of the elastic body that the mesh must have for the model's segments.
+    int32_t elasticModes() const
+    {
+        const int32_t count = m4gn_model_elastic_modes(model_.get());
+        if (count < 0) {
+            throw Error(M4GN_ERROR_MODEL, m4gn_last_error());
+        }
+        return count;
+    }
+
+    const m4gn_model* get() const noexcept { return model_.get(); }
+
+private:
+    detail::Handle<m4gn_model> model_;
+};
+
+// A model on a mesh. Made and destroyed by all ranks together.
+class Session
+{
+public:
+    // options: a JSON object, {"n_threads": 2, ...}. cellSegment may be null: computed.
+    Session(
+        int32_t comm, const m4gn_mesh_data& mesh, const Model& model, const std::string& options = "{}",
+        const int32_t* cellSegment = nullptr)
+        : session_(detail::made<m4gn_session>([&](m4gn_session** made) {
+              return m4gn_session_new(comm, &mesh, model.get(), options.c_str(), cellSegment, made);
+          }))
+    {}
+
+    // Time that one step advances, s.
+    double stride() const { return m4gn_session_stride(session_.get()); }
+
+    // Segments K.
+    int32_t nSegments() const { return m4gn_session_n_segments(session_.get()); }
+
+    // Fields of the model, in its order.
+    std::vector<m4gn_field_info> fields() const
+    {
+        std::vector<m4gn_field_info> list(m4gn_session_n_fields(session_.get()));
+        for (std::size_t i = 0; i < list.size(); ++i) {
+            check(m4gn_session_field(session_.get(), static_cast<int32_t>(i), &list[i]));
+        }
+        return list;
+    }
+
+    // Segment of each of this rank's nCells cells.
+    std::vector<int32_t> segments(std::size_t nCells) const
+    {
+        // One more than needed, so that a rank without cells has a pointer too.
+        std::vector<int32_t> cellSegment(nCells + 1);
+        check(m4gn_session_segments(session_.get(), cellSegment.data()));
+        cellSegment.pop_back();
+        return cellSegment;
+    }
+
+    // One step, with an array (or null) of each field in all three lists; m4gn.h says what they are. Collective.
+    void step(
+        const std::vector<const double*>& cells, const std::vector<const double*>& boundary,
+        const std::vector<double*>& next)
+    {
+        const auto n = static_cast<std::size_t>(m4gn_session_n_fields(session_.get()));
+        if (cells.size() != n || boundary.size() != n || next.size() != n) {
+            throw Error(M4GN_ERROR_INPUT, "step: expected lists of " + std::to_string(n) + " fields");
+        }
+        check(m4gn_session_step(session_.get(), cells.data(), boundary.data(), next.data()));
+    }
+
+    m4gn_session* get() const noexcept { return session_.get(); }
+
+private:
+    detail::Handle<m4gn_session> session_;
+};
+
+// Segments of a mesh, of a model's segmentation or of the default one. Made by all ranks together.
+class Segments
+{
+public:
+    // options: a JSON object, {"segments": {"count": 36}, ...}. cellSegment may be null: computed; so may model: the default.
+    Segments(
+        int32_t comm, const m4gn_mesh_data& mesh, const std::string& options = "{}",
+        const int32_t* cellSegment = nullptr, const Model* model = nullptr)
+        : segments_(detail::made<m4gn_segments>([&](m4gn_segments** made) {
+              return m4gn_segments_new(
+                  comm, &mesh, model ? model->get() : nullptr, options.c_str(), cellSegment, made);
+          }))
+    {}
+
+    // Segments K.
+    int32_t count() const { return m4gn_segments_count(segments_.get()); }
+
+    // Segment of each of this rank's nCells cells.
+    std::vector<int32_t> cells(std::size_t nCells) const
+    {
+        std::vector<int32_t> cellSegment(nCells + 1);
+        check(m4gn_segments_cells(segments_.get(), cellSegment.data()));
+        cellSegment.pop_back();
+        return cellSegment;
+    }
+
+    // Nodes of each segment, and edges between them (K*K), over all ranks.
+    void graph(std::vector<double>& sizes, std::vector<double>& adjacency) const
+    {
+        const auto k = static_cast<std::size_t>(count());
+        sizes.resize(k);
+        adjacency.resize(k * k);
+        check(m4gn_segments_graph(segments_.get(), sizes.data(), adjacency.data()));
+    }
+
+    int32_t nModes() const { return m4gn_segments_n_modes(segments_.get()); }
+
+    // Eigenvalue of mode i (1/m^2), and its values in this rank's nCells cells.
+    double mode(int32_t i, std::size_t nCells, std::vector<double>& cells) const
+    {
+        double eigenvalue = 0;
+        cells.resize(nCells + 1);
+        check(m4gn_segments_mode(segments_.get(), i, &eigenvalue, cells.data()));
+        cells.pop_back();
+        return eigenvalue;
+    }
+
+    // The rank of each segment. rankWeights may be empty: equal.
+    static std::vector<int32_t> ranks(
+        const std::vector<double>& sizes, const std::vector<double>& adjacency, int32_t nRanks,
+        const std::vector<double>& rankWeights = {}, m4gn_rank_report* report = nullptr)
+    {
+        std::vector<int32_t> rank(sizes.size());
+        check(m4gn_segment_ranks(
+            static_cast<int32_t>(sizes.size()), sizes.data(), adjacency.data(), nRanks,
+            rankWeights.empty() ? nullptr : rankWeights.data(), rank.data(), report));
+        return rank;
+    }
+
+private:
+    detail::Handle<m4gn_segments> segments_;
+};
+
+// Modes of a solver's own pair of matrices. Made by all ranks together.
+class Modes
+{
+public:
+    // mass: NULL is the identity. options: a JSON object, {"modes": 6, ...}. positions may be null.
+    Modes(
+        int32_t comm, const m4gn_csr& stiffness, const m4gn_csr* mass, const std::string& options = "{}",
+        const double* positions = nullptr)
+        : nRows_(static_cast<std::size_t>(stiffness.n_rows)),
+          modes_(detail::made<m4gn_modes>([&](m4gn_modes** made) {
+              return m4gn_modes_new(comm, &stiffness, mass, options.c_str(), positions, made);
+          }))
+    {}
+
+    // Of an elastic body: each vector has the displacement (x, y, z) of each of this rank's points.
+    Modes(int32_t comm, const m4gn_solid& body, const std::string& options = "{}")
+        : nRows_(3 * static_cast<std::size_t>(body.n_points)),
+          modes_(detail::made<m4gn_modes>(
+              [&](m4gn_modes** made) { return m4gn_solid_modes_new(comm, &body, options.c_str(), made); }))
+    {}
+
+    int32_t size() const { return m4gn_modes_count(modes_.get()); }
+
+    // Ascending.
+    std::vector<double> eigenvalues() const
+    {
+        // One more than needed, here and below, so that an empty list has a pointer too.
+        std::vector<double> values(static_cast<std::size_t>(size()) + 1);
+        check(m4gn_modes_eigenvalues(modes_.get(), values.data()));
+        values.pop_back();
+        return values;
+    }
+
+    // One mode, this rank's rows.
+    std::vector<double> vector(int32_t index) const
+    {
+        std::vector<double> values(nRows_ + 1);
+        check(m4gn_modes_vector(modes_.get(), index, values.data()));
+        values.pop_back();
+        return values;
+    }
+
+private:
+    std::size_t nRows_;
+    detail::Handle<m4gn_modes> modes_;
+};
+
+// A trajectory being recorded. Made and destroyed by all ranks together; without finish() nothing is left behind.
+class Recorder
+{
+public:
+    // options: a JSON object, {"path": "run.h5", ...}.
+    Recorder(
+        int32_t comm, const m4gn_mesh_data& mesh, const std::string& options,
+        const std::vector<m4gn_field_info>& fields)
+        : nFields_(fields.size()), recorder_(detail::made<m4gn_recorder>([&](m4gn_recorder** made) {
+              return m4gn_recorder_new(
+                  comm, &mesh, options.c_str(), fields.data(), static_cast<int32_t>(fields.size()), made);
+          }))
+    {}
+
+    // Appends a frame: cells and boundary faces of each field. Collective.
+    void append(
+        double time, const std::vector<const double*>& cells, const std::vector<const double*>& boundary)
+    {
+        if (cells.size() != nFields_ || boundary.size() != nFields_) {
+            throw Error(
+                M4GN_ERROR_INPUT, "append: expected lists of " + std::to_string(nFields_) + " fields");
+        }
+        check(m4gn_recorder_append(recorder_.get(), time, cells.data(), boundary.data()));
+    }
+
+    int64_t nFrames() const { return m4gn_recorder_n_frames(recorder_.get()); }
+
+    // Completes the file and gives it its final name. Collective.
+    void finish() { check(m4gn_recorder_finish(recorder_.get())); }
+
+private:
+    std::size_t nFields_;
+    detail::Handle<m4gn_recorder> recorder_;
+};
+
+// The arrays of a solver's state on this rank: described once, read and written where the solver has them.
+class State
+{
+public:
+    // Names and values must stay where they are: a vector is filled anew, and neither resized nor swapped.
+    State& add(const m4gn_array& array, double* values)
+    {
+        arrays_.push_back(array);
+        values_.push_back(values);
+        const bool fixed = array.role == M4GN_PRESCRIBED || array.role == M4GN_HELD;
+        places_.push_back(fixed ? nullptr : values);
+        return *this;
+    }
+
+    // weights: those of the items of a solved array; null: 1 each. solved: components that are solved; 0: all.
+    State& add(
+        const char* name, int32_t place, int32_t role, int32_t components, std::vector<double>& values,
+        const double* weights = nullptr, int32_t solved = 0)
+    {
+        const int64_t n = static_cast<int64_t>(values.size()) / components;
+        return add(
+            {name, place, role, components, solved ? solved : components, n, -HUGE_VAL, weights},
+            values.data());
+    }
+
+    const std::vector<m4gn_array>& arrays() const noexcept { return arrays_; }
+
+    const std::vector<double*>& values() const noexcept { return values_; }
+
+    // Where a surrogate may write: null of what it does not advance.
+    const std::vector<double*>& places() const noexcept { return places_; }
+
+private:
+    std::vector<m4gn_array> arrays_;
+    std::vector<double*> values_, places_;
+};
+
+// What a host brings along to a ride.
+struct Host
+{
+    State state;
+    // Of the surrogate "network": a session, which must outlive the ride, or a surrogate of the host's own; and the mesh of either.
+    Session* session;
+    const m4gn_surrogate* own;
+    const m4gn_mesh_data* mesh;
+    // Writes what the prescribed arrays will be a time `later` (s) from the present one; the other places are null. What it throws is an
+    // error of the ride's call. May be empty: prescribed values do not change.
+    std::function<void(double later, const std::vector<double*>& places)> ahead;
+};
+
+// A hybrid run (m4gn.h says who calls what when). The state is read and written where it is. Made and destroyed by all ranks together.
+class Ride
+{
+public:
+    // options: a JSON object, {"mode": "replace", "solver_steps": 5, "surrogate_steps": 10}. comm is not read with a session.
+    Ride(int32_t comm, Host host, const std::string& options, const m4gn_ride_step& start)
+        : host_(new Host(std::move(host))), ride_(detail::made<m4gn_ride>([&](m4gn_ride** made) {
+              const auto& arrays = host_->state.arrays();
+              const m4gn_host given{
+                  host_->session ? host_->session->get() : nullptr,
+                  host_->own,
+                  host_->mesh,
+                  arrays.data(),
+                  static_cast<int32_t>(arrays.size()),
+                  host_->ahead ? &Ride::ahead : nullptr,
+                  host_.get()};
+              return m4gn_ride_new(comm, &given, options.c_str(), &start, made);
+          }))
+    {}
+
+    // Whether the state after this step is read: it need not be made up to date where not.
+    bool wants(const m4gn_ride_step& now) const
+    {
+        int32_t wanted = 0;
+        check(m4gn_ride_wants(ride_.get(), &now, &wanted));
+        return wanted != 0;
+    }
+
+    m4gn_ride_answer solved(const m4gn_ride_step& now)
+    {
+        return answer([&](m4gn_ride_answer* a) { return m4gn_ride_solved(ride_.get(), &now, values(), a); });
+    }
+
+    // On M4GN_RIDE_ADVANCE the state is the prediction.
+    m4gn_ride_answer stride()
+    {
+        return answer([&](m4gn_ride_answer* a) {
+            return m4gn_ride_stride(ride_.get(), host_->state.places().data(), a);
+        });
+    }
+
+    m4gn_ride_answer advanced(const m4gn_ride_step& now)
+    {
+        return answer(
+            [&](m4gn_ride_answer* a) { return m4gn_ride_advanced(ride_.get(), &now, values(), a); });
+    }
+
+    // The state a time `before` (s) the present one, where a time scheme has an old level.
+    void oldLevel(double before, const std::vector<double*>& places) const
+    {
+        check(m4gn_ride_old_level(ride_.get(), before, places.data()));
+    }
+
+    // What the setting quantities names is after the present state.
+    void reported(const std::vector<double>& values)
+    {
+        check(m4gn_ride_reported(ride_.get(), values.data(), static_cast<int32_t>(values.size())));
+    }
+
+    void spent(double surrogate, double handOver)
+    {
+        check(m4gn_ride_spent(ride_.get(), surrogate, handOver));
+    }
+
+    m4gn_ride_answer handedBack(
+        const m4gn_ride_step& now, const std::vector<m4gn_ride_quantity>& quantities = {})
+    {
+        return answer([&](m4gn_ride_answer* a) {
+            return m4gn_ride_handed_back(
+                ride_.get(), &now, values(), quantities.data(), static_cast<int32_t>(quantities.size()), a);
+        });
+    }
+
+    void save(const std::string& path) { check(m4gn_ride_save(ride_.get(), path.c_str())); }
+
+    // The state must be that of this time.
+    m4gn_ride_answer load(const std::string& path, const m4gn_ride_step& now)
+    {
+        return answer([&](m4gn_ride_answer* a) {
+            return m4gn_ride_load(ride_.get(), path.c_str(), &now, values(), a);
+        });
+    }
+
+    // M4GN_RIDE_LOG, ...
+    std::string text(int32_t kind)
+    {
+        const char* taken = m4gn_ride_text(ride_.get(), kind);
+        return taken ? taken : "";
+    }
+
+    m4gn_ride* get() const noexcept { return ride_.get(); }
+
+private:
+    // The ride calls back to it, and is freed first.
+    std::unique_ptr<Host> host_;
+    detail::Handle<m4gn_ride> ride_;
+
+    const double* const* values() const noexcept { return host_->state.values().data(); }
+
+    static int32_t ahead(void* data, double later, double* const* arrays) noexcept
+    {
+        try {
+            const Host& host = *static_cast<const Host*>(data);
+            host.ahead(later, {arrays, arrays + host.state.arrays().size()});
+            return M4GN_OK;
+        } catch (const Error& error) {
+            return error.status();
+        } catch (...) {
+            return M4GN_ERROR_INPUT;
+        }
+    }
+
+    template <class Call> static m4gn_ride_answer answer(const Call& call)
+    {
+        m4gn_ride_answer found{};
+        check(call(&found));
+        return found;
+    }
+};
+
+} // namespace m4gn
+
+#endif

@@ -1,0 +1,269 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnOwnFields.H"
+#include "calculatedFvPatchFields.H"
+#include "m4gnObstacles.H"
+#include "OStringStream.H"
+#include "surfaceFields.H"
+#include "Time.H"
+#include "volFields.H"
+#include "zeroGradientFvPatchFields.H"
+
+namespace
+{
+using namespace Foam;
+
+const word sizeName("cellSize");
+const word stepName("deltaT");
+const word viscosityName("nu");
+const word nowName("obstacle");
+const word aheadName("obstacleAhead");
+
+//- In the header's notes: whose field it is, and whether deltaT keeps its value
+const char* const rateMark = "rate of change, by m4gn";
+const char* const sizeMark = "mean distance of neighbouring cells, by m4gn";
+const char* const stepMark = "the solver's time step, by m4gn";
+const char* const stepKept = "the solver's time step, by m4gn, held";
+const char* const viscosityMark = "viscosity of transportProperties, by m4gn";
+const char* const obstacleMark = "nearness of obstacles, by m4gn";
+
+//- Patches of this type
+wordList patches(const fvMesh& mesh, const word& type) { return wordList(mesh.boundary().size(), type); }
+
+//- The field of this name, made with zeros if there is none. Null: it is not to
+//  be changed, since its note is not the mark (it is somebody else's) or, once
+//  a time, since it is that of this time.
+template <class Type>
+GeometricField<Type, fvPatchField, volMesh>* own(
+    const fvMesh& mesh, const word& name, const dimensionSet& dimensions, const char* const mark,
+    const wordList& patchTypes, const bool onceATime = false)
+{
+    typedef GeometricField<Type, fvPatchField, volMesh> fieldType;
+
+    auto* field = mesh.getObjectPtr<fieldType>(name);
+    if (!field) {
+        field = new fieldType(
+            IOobject(name, mesh.time().timeName(), mesh, IOobject::NO_READ, IOobject::NO_WRITE), mesh,
+            dimensioned<Type>(name, dimensions, Zero), patchTypes);
+        field->note() = mark;
+        mesh.objectRegistry::store(field);
+    } else if (onceATime && field->timeIndex() == mesh.time().timeIndex()) {
+        return nullptr;
+    }
+    if (field->note() != mark) {
+        return nullptr;
+    }
+    field->timeIndex() = mesh.time().timeIndex();
+    return field;
+}
+
+//- A number as a field
+void provideNumber(const fvMesh& mesh, const dimensionedScalar& value, const char* const mark)
+{
+    const wordList types(patches(mesh, zeroGradientFvPatchScalarField::typeName));
+    if (auto* field = own<scalar>(mesh, value.name(), value.dimensions(), mark, types)) {
+        *field == value;
+    }
+}
+
+void provideViscosity(const fvMesh& mesh)
+{
+    const auto* properties = mesh.findObject<dictionary>("transportProperties");
+    if (properties && properties->found(viscosityName)) {
+        provideNumber(mesh, dimensionedScalar(viscosityName, dimViscosity, *properties), viscosityMark);
+    }
+}
+
+void provideTimeStep(const fvMesh& mesh)
+{
+    provideNumber(mesh, dimensionedScalar(stepName, dimTime, mesh.time().deltaTValue()), stepMark);
+}
+
+//- It stays while the mesh does
+void provideSize(const fvMesh& mesh)
+{
+    if (mesh.foundObject<volScalarField>(sizeName) && !mesh.changing()) {
+        return;
+    }
+    const wordList types(patches(mesh, zeroGradientFvPatchScalarField::typeName));
+    volScalarField* field = own<scalar>(mesh, sizeName, dimLength, sizeMark, types);
+    if (!field) {
+        return;
+    }
+
+    scalarField sum(mesh.nCells(), Zero);
+    labelList n(mesh.nCells(), Zero);
+    const auto add = [&](const label celli, const scalar distance) {
+        sum[celli] += distance;
+        ++n[celli];
+    };
+    const surfaceScalarField distance(mag(mesh.delta()));
+
+    forAll(mesh.neighbour(), facei) {
+        add(mesh.owner()[facei], distance[facei]);
+        add(mesh.neighbour()[facei], distance[facei]);
+    }
+    for (const fvsPatchScalarField& patch : distance.boundaryField()) {
+        if (patch.coupled()) {
+            forAll(patch, facei) {
+                add(patch.patch().faceCells()[facei], patch[facei]);
+            }
+        }
+    }
+    forAll(sum, celli) {
+        field->primitiveFieldRef()[celli] = sum[celli] / max(n[celli], 1);
+    }
+    field->correctBoundaryConditions();
+}
+
+//- False: no field of this type has that name
+template <class Type> bool provideRate(const fvMesh& mesh, const word& name, const word& rateName)
+{
+    const auto* field = mesh.findObject<GeometricField<Type, fvPatchField, volMesh>>(name);
+    if (!field) {
+        return false;
+    }
+
+    wordList types(patches(mesh, zeroGradientFvPatchField<Type>::typeName));
+    forAll(types, patchi) {
+        const fvPatchField<Type>& patch = field->boundaryField()[patchi];
+        if (patch.patch().coupled() || patch.type() == "empty") {
+            types[patchi] = patch.type();
+        } else if (patch.fixesValue()) {
+            types[patchi] = calculatedFvPatchField<Type>::typeName;
+        }
+    }
+    auto* rate = own<Type>(mesh, rateName, field->dimensions() / dimTime, rateMark, types, true);
+    if (!rate) {
+        return true;
+    }
+
+    const scalar rDeltaT = 1 / mesh.time().deltaTValue();
+    const auto& old = field->oldTime();
+    rate->primitiveFieldRef() = rDeltaT * (field->primitiveField() - old.primitiveField());
+    auto& boundary = rate->boundaryFieldRef();
+    forAll(boundary, patchi) {
+        boundary[patchi] == rDeltaT*(field->boundaryField()[patchi] - old.boundaryField()[patchi]);
+    }
+    rate->correctBoundaryConditions();
+    return true;
+}
+
+void provideObstacles(const fvMesh& mesh, const word& name, const scalar later)
+{
+    if (!m4gnObstacles::present(mesh)) {
+        return;
+    }
+    const wordList types(patches(mesh, calculatedFvPatchVectorField::typeName));
+    auto* field = own<vector>(mesh, name, dimless, obstacleMark, types, later == 0);
+    if (!field) {
+        return;
+    }
+    if (later != 0) {
+        // To be made anew for the present time
+        field->timeIndex() = -1;
+    }
+
+    const m4gnObstacles& obstacles = m4gnObstacles::of(mesh);
+    const scalar time = mesh.time().value() + later + (name == aheadName ? obstacles.ahead() : 0);
+    const auto nearness = [&](const pointField& places) {
+        scalarField gap;
+        vectorField direction;
+        obstacles.gaps(places, time, obstacles.range(), gap, direction);
+        return vectorField(direction * max(1 - gap / obstacles.range(), scalar(0)));
+    };
+
+    field->primitiveFieldRef() = nearness(mesh.C());
+    auto& boundary = field->boundaryFieldRef();
+    forAll(boundary, patchi) {
+        if (boundary[patchi].size() && !boundary[patchi].coupled()) {
+            boundary[patchi] == nearness(mesh.boundary()[patchi].Cf());
+        }
+    }
+    field->correctBoundaryConditions();
+}
+
+} // End anonymous namespace
+
+Foam::word Foam::m4gnOwnFields::rateOf(const word& name) { return "ddt(" + name + ')'; }
+
+bool Foam::m4gnOwnFields::isKnown(const fvMesh& mesh, const word& name)
+{
+    const auto* object = mesh.findObject<regIOobject>(name);
+    const std::string note(object ? object->note() : string());
+    return note == sizeMark || note == stepMark || note == stepKept || note == viscosityMark
+           || note == obstacleMark;
+}
+
+void Foam::m4gnOwnFields::provide(const fvMesh& mesh, const word& name, const scalar later)
+{
+    if (name == sizeName) {
+        provideSize(mesh);
+    } else if (name == stepName) {
+        provideTimeStep(mesh);
+    } else if (name == viscosityName) {
+        provideViscosity(mesh);
+    } else if (name == nowName || name == aheadName) {
+        provideObstacles(mesh, name, later);
+    } else if (name.starts_with("ddt(") && name.ends_with(")")) {
+        const word of(name.substr(4, name.size() - 5), false);
+        if (!provideRate<vector>(mesh, of, name)) {
+            provideRate<scalar>(mesh, of, name);
+        }
+    }
+}
+
+Foam::string Foam::m4gnOwnFields::obstacleMisfit(
+    const fvMesh& mesh, const wordList& inputs, const scalar stride)
+{
+    const auto* now = mesh.findObject<volVectorField>(nowName);
+    if (now && now->note() != obstacleMark) {
+        // Somebody else makes these fields
+        return string();
+    }
+
+    const bool reads = inputs.found(nowName) || inputs.found(aheadName);
+    const bool present = m4gnObstacles::present(mesh);
+    OStringStream os;
+
+    if (reads && !present) {
+        os << "The model reads where the obstacles are, and this case has no"
+           << " file constant/" << m4gnObstacles::fileNameOf << nl
+           << "    Describe them there (docs/contact.md), or use a model"
+           << " without obstacles";
+    } else if (!reads && present) {
+        os << "The case has obstacles (constant/" << m4gnObstacles::fileNameOf
+           << "), and the model does not read " << nowName << " or " << aheadName
+           << ": it cannot know where they"
+           << " are" << nl << "    Record these fields, and train a model that reads them;"
+           << " outOfRange ignore goes on without";
+    } else if (inputs.found(aheadName)) {
+        const scalar ahead = m4gnObstacles::of(mesh).ahead();
+        if (mag(ahead - stride) > 1e-6 * stride) {
+            os << "The entry ahead of constant/" << m4gnObstacles::fileNameOf << " is " << ahead
+               << " s, and the stride of the model is " << stride << " s; expected the stride of the model";
+        }
+    }
+    return os.str();
+}
+
+Foam::m4gnOwnFields::heldTimeStep::heldTimeStep(const fvMesh& mesh, const wordList& inputs) : field_(nullptr)
+{
+    if (inputs.found(stepName)) {
+        provideTimeStep(mesh);
+        field_ = mesh.getObjectPtr<volScalarField>(stepName);
+        if (field_ && field_->note() != stepMark) {
+            field_ = nullptr;
+        }
+    }
+    if (field_) {
+        field_->note() = stepKept;
+    }
+}
+
+Foam::m4gnOwnFields::heldTimeStep::~heldTimeStep()
+{
+    if (field_) {
+        field_->note() = stepMark;
+    }
+}

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnActiveSurrogate.H"
+
+Foam::DynamicList<const Foam::m4gnActiveSurrogate*> Foam::m4gnActiveSurrogate::all_;
+
+Foam::m4gnActiveSurrogate::m4gnActiveSurrogate(const word& name) : replacerName_(name) { all_.append(this); }
+
+Foam::m4gnActiveSurrogate::~m4gnActiveSurrogate()
+{
+    DynamicList<const m4gnActiveSurrogate*> left;
+    for (const m4gnActiveSurrogate* other : all_) {
+        if (other != this) {
+            left.append(other);
+        }
+    }
+    all_.transfer(left);
+}
+
+Foam::word Foam::m4gnActiveSurrogate::before(const scalar time, const m4gnActiveSurrogate* other)
+{
+    for (const m4gnActiveSurrogate* one : all_) {
+        if (one != other && one->replacesFrom() < time) {
+            return one->replacerName_;
+        }
+    }
+
+    return word::null;
+}
+
+Foam::m4gnActiveSurrogate::state Foam::m4gnActiveSurrogate::last(const fvMesh& mesh)
+{
+    for (const m4gnActiveSurrogate* one : all_) {
+        const state made(one->lastState(mesh));
+        if (made.timeIndex >= 0) {
+            return made;
+        }
+    }
+
+    return {-1, false, 0};
+}

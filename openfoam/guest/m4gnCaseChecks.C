@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnCaseChecks.H"
+#include "functionObject.H"
+#include "fvMesh.H"
+#include "IOdictionary.H"
+#include "OSspecific.H"
+#include "Time.H"
+
+Foam::fileName Foam::m4gn::resolve(const fileName& path, const fileName& casePath)
+{
+    fileName expanded(path);
+    expanded.expand();
+
+    if (expanded.isAbsolute()) {
+        return expanded;
+    }
+
+    const fileName inCase(casePath / expanded);
+    const fileName home(getEnv("M4GN_HOME"));
+
+    if (isFile(inCase, false) || home.empty()) {
+        return inCase;
+    }
+
+    if (isFile(home / "models" / expanded, false)) {
+        return home / "models" / expanded;
+    }
+
+    if (isFile(home / expanded, false)) {
+        return home / expanded;
+    }
+
+    return inCase;
+}
+
+void Foam::m4gn::checkStatic(const polyMesh& mesh, const dictionary& dict)
+{
+    // dynamicMotionSolverFvMesh, dynamicRefineFvMesh, solidBodyMotionFvMesh,
+    // movingConeTopoFvMesh ...: their base class is in a library of its own
+    const word& type = mesh.type();
+
+    if (type.starts_with("dynamic") || type.find("Motion") != std::string::npos
+        || type.find("Topo") != std::string::npos)
+    {
+        FatalIOErrorInFunction(dict) << "The mesh is a " << type << ", which moves or changes;"
+                                     << " recordings and surrogates have one mesh" << nl
+                                     << "    Remove the function object " << dict.dictName()
+                                     << ", or run on a static mesh" << exit(FatalIOError);
+    }
+}
+
+void Foam::m4gn::refuseChange(const functionObject& object, const char* what)
+{
+    FatalErrorInFunction << "Function object " << object.name() << " of type " << object.type()
+                         << ": the mesh has changed, and " << what << " has one mesh" << nl
+                         << "    Remove the function object, or run on a fixed mesh" << exit(FatalError);
+}
+
+void Foam::m4gn::refuseMotion(const functionObject& object, const fvMesh& mesh, const char* what)
+{
+    if (!meshFollowsBody(mesh)) {
+        FatalErrorInFunction << "Function object " << object.name() << " of type " << object.type()
+                             << ": the mesh has moved, and " << what << " has one mesh" << nl
+                             << "    Remove the function object, or run on a fixed mesh" << exit(FatalError);
+    }
+}
+
+Foam::word Foam::m4gn::solidModel(const fvMesh& mesh)
+{
+    const auto* properties = mesh.time().findObject<IOdictionary>("solidProperties");
+
+    return properties ? properties->getOrDefault<word>("solidModel", word::null) : word::null;
+}
+
+bool Foam::m4gn::meshFollowsBody(const fvMesh& mesh)
+{
+    return solidModel(mesh) == "nonLinearGeometryUpdatedLagrangian";
+}
+
+void Foam::m4gn::checkSolver(const functionObject& object)
+{
+    if (functionObject::postProcess) {
+        FatalErrorInFunction << "Function object " << object.name() << " of type " << object.type()
+                             << " needs a running solver; it cannot work on stored times."
+                             << exit(FatalError);
+    }
+}
+
+void Foam::m4gn::checkLast(const functionObject& object, const Time& time, const char* what)
+{
+    const functionObjectList& all = time.functionObjects();
+    const label own = all.findObjectID(object.name());
+
+    if (own < all.size() - 1) {
+        FatalErrorInFunction << "Function object " << all[own + 1].name() << " comes after " << object.name()
+                             << " of type " << object.type() << ", and would look at " << what << nl
+                             << "    Have " << object.name() << " as the last one in functions"
+                             << exit(FatalError);
+    }
+}
+
+Foam::fileName Foam::m4gn::outputDir(const word& name, const polyMesh& mesh)
+{
+    const Time& time = mesh.time();
+
+    fileName dir(time.globalPath() / functionObject::outputPrefix);
+
+    if (mesh.name() != polyMesh::defaultRegion) {
+        dir /= mesh.name();
+    }
+
+    return dir / name / Time::timeName(time.startTime().value());
+}

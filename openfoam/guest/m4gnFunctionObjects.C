@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnFunctionObjects.H"
+#include "m4gnDictionary.H"
+#include "Time.H"
+#include "functionObjectList.H"
+
+namespace
+{
+using namespace Foam;
+
+const char* const entryName = "executeOthers";
+
+//- Types of function objects that do more than look
+const wordHashSet acting(
+    {"age", "electricPotential", "energyTransport", "externalCoupled", "hydrostaticPressure",
+     "icoUncoupledKinematicCloud", "limitFields", "m4gnAnderson", "phaseScalarTransport", "scalarTransport",
+     "setFlow", "setTimeStep"});
+
+//- Is the entry a list?
+bool isList(const dictionary& dict)
+{
+    if (!dict.found(entryName)) {
+        return false;
+    }
+
+    const token first(dict.lookup(entryName).first());
+
+    return first.isPunctuation() || first.isLabel() || first.isCompound();
+}
+
+//- Type of a function object. In the list it may be wrapped in the control of
+//  its times, which says nothing of it.
+word typeOf(const functionObject& object, const Time& time)
+{
+    const dictionary functions(time.controlDict().subOrEmptyDict("functions"));
+
+    return functions.isDict(object.name())
+               ? functions.subDict(object.name()).getOrDefault<word>("type", object.type())
+               : object.type();
+}
+
+} // End anonymous namespace
+
+void Foam::m4gnFunctionObjects::checkDictionary(const dictionary& dict)
+{
+    if (isList(dict)) {
+        dict.get<wordList>(entryName);
+    } else {
+        dict.getOrDefault<bool>(entryName, true);
+    }
+}
+
+Foam::wordHashSet Foam::m4gnFunctionObjects::chosen(
+    const word& name, const Time& time, const dictionary& dict)
+{
+    const functionObjectList& list = time.functionObjects();
+
+    wordHashSet known, watching, left;
+
+    forAll(list, i) {
+        const word& other = list[i].name();
+        if (other == name) {
+            continue;
+        }
+
+        known.insert(other);
+        (acting.found(typeOf(list[i], time)) ? left : watching).insert(other);
+    }
+
+    if (isList(dict)) {
+        const wordList wanted(dict.get<wordList>(entryName));
+        for (const word& other : wanted) {
+            if (!known.found(other)) {
+                FatalErrorInFunction << "executeOthers of " << name << " has the name " << other
+                                     << ", which is no other function object of this run" << nl
+                                     << "    The others are: " << m4gn::join(known.sortedToc())
+                                     << exit(FatalError);
+            }
+        }
+        return wordHashSet(wanted);
+    }
+
+    if (!dict.getOrDefault<bool>(entryName, true)) {
+        return wordHashSet();
+    }
+
+    if (left.size()) {
+        Info << "m4gn: function objects that are not executed at the"
+             << " surrogate's times, since they do more than look: " << m4gn::join(left.sortedToc())
+             << " (entry executeOthers)" << endl;
+    }
+
+    return watching;
+}

@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnHandOver.H"
+#include "m4gnDictionary.H"
+#include "m4gnCaseChecks.H"
+#include "StringStream.H"
+#include "cloud.H"
+#include "surfaceFields.H"
+#include "Time.H"
+#include "volFields.H"
+
+namespace
+{
+using namespace Foam;
+
+//- Has a boundary patch of the field values that are computed, and no others?
+bool computed(const volScalarField& field)
+{
+    bool some = false;
+    for (const fvPatchScalarField& patch : field.boundaryField()) {
+        if (!polyPatch::constraintType(patch.patch().type())) {
+            if (patch.type() != calculatedFvPatchScalarField::typeName) {
+                return false;
+            }
+            some = true;
+        }
+    }
+    return some;
+}
+
+//- Does a source begin or end between the start and the end of the run?
+bool isForAWhile(const dictionary& dict, const Time& time)
+{
+    const scalar begin = dict.getOrDefault<scalar>("timeStart", -1);
+    return begin >= 0
+           && (begin > time.startTime().value()
+               || begin + dict.getOrDefault<scalar>("duration", 0) < time.endTime().value());
+}
+
+} // End anonymous namespace
+
+Foam::string Foam::m4gn::notHandedOver(
+    const fvMesh& mesh, const word& UName, const word& pName, const word& phiName)
+{
+    OStringStream why;
+
+    const auto* U = mesh.findObject<volVectorField>(UName);
+    const auto* phi = mesh.findObject<surfaceScalarField>(phiName);
+    if (U && phi && phi->dimensions() != U->dimensions() * dimArea) {
+        why << "the flux " << phiName << " has the dimensions " << phi->dimensions()
+            << "; expected a volumetric flux " << U->dimensions() * dimArea << " (incompressible solvers)";
+        return why.str();
+    }
+
+    const auto* p = mesh.findObject<volScalarField>(pName);
+    if (p && phi && p->dimensions() == dimPressure) {
+        why << "the pressure " << pName << " is not divided by the density: several phases, or a"
+            << " density that varies, go with this flow (interFoam), and their state is none of"
+            << " the surrogate's";
+        return why.str();
+    }
+    if (p && phi && pName != "p_rgh" && computed(*p) && mesh.foundObject<volScalarField>("p_rgh")) {
+        why << "the pressure " << pName << " has no boundary conditions of its own, the solver"
+            << " solves for p_rgh: give p p_rgh; and a model that predicts p_rgh";
+        return why.str();
+    }
+
+    return string();
+}
+
+Foam::string Foam::m4gn::unsupported(const fvMesh& mesh)
+{
+    OStringStream why;
+
+    wordHashSet meshes(mesh.time().names<fvMesh>());
+    // That of solids4foam's vertex-centred models has no state of its own
+    meshes.erase("dualMesh");
+    if (meshes.size() > 1) {
+        why << "there are several meshes (" << join(meshes.sortedToc()).c_str() << "), which go on in step";
+        return why.str();
+    }
+    if (meshFollowsBody(mesh)) {
+        return "the mesh moves with the body (solidModel " + solidModel(mesh) + ')';
+    }
+    const wordList clouds(mesh.sortedNames<cloud>());
+    if (clouds.size()) {
+        why << "particles go with the flow (" << join(clouds).c_str() << ")";
+        return why.str();
+    }
+    for (const word& name : mesh.sortedNames<volScalarField>()) {
+        if (name.starts_with("alpha.")) {
+            why << "there are several phases (" << name << ")";
+            return why.str();
+        }
+    }
+    for (const word& name : mesh.sortedNames<volVectorField>()) {
+        for (const fvPatchVectorField& patch : mesh.lookupObject<volVectorField>(name).boundaryField()) {
+            if (patch.type() == "solidContact") {
+                why << "solidContact at the patch " << patch.patch().name()
+                    << " relaxes tractions that are no fields";
+                return why.str();
+            }
+        }
+    }
+    const wordHashSet handled({"pointScalarField", "pointVectorField"});
+    for (const word& name : mesh.sortedNames()) {
+        const auto* object = mesh.findObject<regIOobject>(name);
+        const word kind(object ? object->type() : word::null);
+        if (((kind.starts_with("point") && !handled.found(kind)) || kind.starts_with("area")
+             || kind.starts_with("edge"))
+            && kind.ends_with("Field") && object->readOpt() != IOobject::NO_READ
+            && object->writeOpt() == IOobject::AUTO_WRITE)
+        {
+            why << "the field " << name << " is a " << kind
+                << "; expected fields of cells and of faces, scalars and vectors of points";
+            return why.str();
+        }
+    }
+    if (const auto* dict = mesh.findObject<dictionary>("fvOptions")) {
+        for (const entry& e : *dict) {
+            if (!e.isDict() || !e.dict().getOrDefault<bool>("active", true)) {
+                continue;
+            }
+            bool timed = isForAWhile(e.dict(), mesh.time());
+            for (const entry& own : e.dict()) {
+                timed = timed || (own.isDict() && isForAWhile(own.dict(), mesh.time()));
+            }
+            if (timed) {
+                why << "the source " << e.keyword()
+                    << " of fvOptions begins or ends in the run (timeStart, duration)";
+                return why.str();
+            }
+        }
+    }
+    return string();
+}
+
+Foam::label Foam::m4gn::oldLevels(const fvMesh& mesh)
+{
+    label levels = 0;
+    for (const word group : {"ddtSchemes", "d2dt2Schemes"}) {
+        const wordHashSet handled(
+            group == "ddtSchemes" ? wordHashSet({"Euler", "backward", "CrankNicolson", "NewmarkBeta", "none"})
+                                  : wordHashSet({"Euler", "NewmarkBeta", "steadyState", "none"}));
+
+        for (const entry& e : mesh.schemesDict().subOrEmptyDict(group)) {
+            const word used(m4gn::scheme(mesh.schemesDict(), group, e.keyword()));
+
+            if (!handled.found(used)) {
+                FatalErrorInFunction << "The dmd surrogate does not handle the time scheme " << used << " of "
+                                     << group << " (" << e.keyword() << ')' << nl
+                                     << "    Handled: " << m4gn::join(handled.sortedToc())
+                                     << exit(FatalError);
+            }
+            // solids4foam's models of increments go on from two levels of the displacement
+            const bool second = group == "d2dt2Schemes" && used == "Euler";
+            levels = max(levels, label(second ? 2 : used == "backward" || used == "CrankNicolson"));
+        }
+    }
+    return levels;
+}
+
+Foam::string Foam::m4gn::sources(const fvMesh& mesh)
+{
+    DynamicList<word> names;
+    for (const word file : {"fvOptions", "MRFProperties"}) {
+        const auto* dict = mesh.findObject<dictionary>(file);
+        if (!dict) {
+            continue;
+        }
+        for (const entry& e : *dict) {
+            if (e.isDict() && e.keyword() != "FoamFile" && e.dict().getOrDefault<bool>("active", true)) {
+                names.append(word(file + ' ' + e.keyword(), false));
+            }
+        }
+    }
+    return names.empty() ? string() : string(join(wordList(names)));
+}

@@ -1,0 +1,315 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnRecorder.H"
+#include "addToRunTimeSelectionTable.H"
+#include "foamVersion.H"
+#include "m4gnCore.H"
+#include "m4gnDictionary.H"
+#include "m4gnElasticModes.H"
+#include "m4gnHandOver.H"
+#include "m4gnMechanicalProperties.H"
+#include "m4gnActiveSurrogate.H"
+#include "m4gnCaseChecks.H"
+#include "OSspecific.H"
+
+namespace Foam
+{
+namespace functionObjects
+{
+defineTypeNameAndDebug(m4gnRecorder, 0);
+addToRunTimeSelectionTable(functionObject, m4gnRecorder, dictionary);
+}
+}
+
+//- The name that a recording which was killed gets: the first of
+//  NAME-killed.h5, NAME-killed-2.h5, ... that is free
+static Foam::fileName nameOfKilled(const Foam::fileName& path)
+{
+    Foam::fileName name(path.lessExt() + "-killed.h5");
+    for (Foam::label i = 2; Foam::isFile(name, false); ++i) {
+        name = path.lessExt() + "-killed-" + Foam::name(i) + ".h5";
+    }
+    return name;
+}
+
+//- Modes of an elastic body that are recorded, twice as many as segments take
+//  by default
+static const Foam::label defaultModes = 12;
+
+void Foam::functionObjects::m4gnRecorder::start()
+{
+    m4gn::checkAbi();
+    checkSource();
+
+    nodes_ = m4gnNodes::New(mesh_, dict_);
+
+    const label nModes = dict_.getOrDefault<label>("modes", defaultModes);
+    if (nModes > 0 && !nodes_->atPoints() && m4gnElasticModes::wanted(mesh_, dict_)) {
+        modes_.reset(new m4gnElasticModes(mesh_, dict_, nModes));
+    }
+    fields_.reset(new m4gnFieldSet(mesh_, fieldNames_));
+
+    const string why(m4gn::notHandedOver(
+        mesh_, dict_.getOrDefault<word>("U", "U"), dict_.getOrDefault<word>("p", "p"),
+        dict_.getOrDefault<word>("phi", "phi")));
+    if (why.size()) {
+        WarningInFunction << "A model of this recording can be observed, and not take the"
+                          << " solver's place (mode replace): " << why.c_str() << endl;
+    }
+}
+
+void Foam::functionObjects::m4gnRecorder::open()
+{
+    std::vector<m4gn_field_info> recorded(fields_->size(), m4gn_field_info{});
+    for (label i = 0; i < fields_->size(); ++i) {
+        recorded[i].name = fields_->name(i).c_str();
+        recorded[i].components = fields_->components(i);
+        std::copy(fields_->dimensions(i).begin(), fields_->dimensions(i).end(), recorded[i].dimensions);
+    }
+
+    path_ = file_;
+    if (path_.empty()) {
+        path_ = m4gn::outputDir(name(), mesh_) / "trajectory.h5";
+    }
+    path_.expand();
+    if (!path_.isAbsolute()) {
+        path_ = time_.globalPath() / path_;
+    }
+    if (stretches_) {
+        path_ = path_.lessExt() + "-" + time_.timeName() + "." + (path_.hasExt() ? path_.ext() : word("h5"));
+    }
+    if (Pstream::master()) {
+        mkDir(path_.path());
+    }
+
+    // A run that was killed has left its recording beside the final name
+    const bool killed = isFile(path_.path() / ('.' + path_.name() + ".partial"), false);
+    const fileName kept(nameOfKilled(path_));
+
+    const std::string settings(options(dict_, path_));
+
+    // The recorder keeps what it needs of them
+    if (modes_) {
+        nodes_->setModes(modes_->eigenvalues(), modes_->cells());
+    }
+    m4gn::check(
+        m4gn_recorder_new(
+            m4gn::communicator(), &nodes_->data(), settings.c_str(), recorded.data(), recorded.size(),
+            &recorder_),
+        "m4gnRecorder cannot record");
+    if (Pstream::master() && killed) {
+        WarningInFunction << "An earlier recording of " << path_ << " was killed: "
+                          << (isFile(kept, false) ? "its whole frames are kept in " + kept
+                                                  : fileName("it had no whole frame, and nothing is kept"))
+                          << endl;
+    }
+    nodes_->clearModes();
+    if (!stretches_) {
+        modes_.clear();
+    }
+
+    Log << type() << ' ' << name() << ": recording " << m4gn::join(fieldNames_) << " to " << path_ << endl;
+}
+
+void Foam::functionObjects::m4gnRecorder::checkSource()
+{
+    const scalar last = Foam::min(dict_.getOrDefault<scalar>("timeEnd", VGREAT), time_.endTime().value());
+    replacer_ = postProcess ? word::null : m4gnActiveSurrogate::before(last);
+
+    if (replacer_.empty()) {
+        stretches_ = false;
+    } else if (!stretches_ && !dict_.getOrDefault<bool>("hybrid", false)) {
+        FatalErrorInFunction << "Function object " << name() << " would record states of the"
+                             << " surrogate " << replacer_ << " as if they were the solver's" << nl
+                             << "    Record a run without mode replace, give " << name()
+                             << " a timeEnd that is not later than the timeStart of " << replacer_
+                             << ", record the solver's stretches between the jumps"
+                             << " with hybrid stretches, or, not for training, give it hybrid"
+                             << " yes: the file then says so" << exit(FatalError);
+    }
+}
+
+void Foam::functionObjects::m4gnRecorder::close()
+{
+    if (!recorder_) {
+        return;
+    }
+
+    const label nFrames = m4gn_recorder_n_frames(recorder_);
+
+    // A stretch of one frame says nothing of the time between
+    if (!stretches_ || nFrames > 1) {
+        m4gn::check(m4gn_recorder_finish(recorder_), "m4gnRecorder cannot finish");
+        Log << type() << ' ' << name() << ": " << nFrames << " frames in " << path_ << nl << endl;
+    }
+
+    m4gn_recorder_free(recorder_);
+    recorder_ = nullptr;
+}
+
+void Foam::functionObjects::m4gnRecorder::finish()
+{
+    close();
+    finished_ = true;
+}
+
+Foam::wordList Foam::functionObjects::m4gnRecorder::ownKeys()
+{
+    wordList keys({"fields", "file", "nodeTypes", "location", "U", "p", "phi", "D", "modes", "hybrid"});
+    keys.append(m4gnElasticModes::keys());
+    return keys;
+}
+
+std::string Foam::functionObjects::m4gnRecorder::options(const dictionary& dict, const fileName& path) const
+{
+    dictionary settings(m4gn::without(dict, m4gn::commonKeys()));
+    settings = m4gn::without(settings, ownKeys());
+    settings.set("path", string(path));
+    settings.set("provenance", provenance(dict));
+    return m4gn::json(settings);
+}
+
+Foam::dictionary Foam::functionObjects::m4gnRecorder::provenance(const dictionary& dict) const
+{
+    const auto replaced = m4gnActiveSurrogate::last(mesh_);
+
+    dictionary about;
+    about.add("application", string(time_.controlDict().getOrDefault<word>("application", "unknown")));
+    about.add("case", string(time_.globalCaseName()));
+    about.add("openfoam", label(OPENFOAM));
+    about.add("m4gn", string(m4gn_version()));
+    about.add("ranks", Pstream::nProcs());
+    const string acting(m4gn::sources(mesh_));
+    if (acting.size()) {
+        about.add("sources", acting);
+    }
+    about.add(
+        "deltaT", replaced.timeIndex == time_.timeIndex() ? replaced.solverDeltaT : time_.deltaTValue());
+    if (replacer_.size()) {
+        about.add(
+            "hybrid", string(
+                          stretches_ ? "the solver between jumps of the surrogate " + replacer_
+                                     : "with states of the surrogate " + replacer_));
+    }
+    const dictionary solid(m4gnMechanicalProperties(mesh_).description(dict.getOrDefault<word>("D", "D")));
+    if (solid.size()) {
+        about.add("solid", solid);
+    }
+    about.merge(dict.subOrEmptyDict("provenance"));
+
+    return about;
+}
+
+bool Foam::functionObjects::m4gnRecorder::runComplete() const
+{
+    // In post-processing, end() is called after the last time, or an error
+    // came before it
+    return !postProcess && time_.value() >= time_.endTime().value() - 0.5 * time_.deltaTValue();
+}
+
+Foam::functionObjects::m4gnRecorder::m4gnRecorder(
+    const word& name, const Time& runTime, const dictionary& dict)
+    : fvMeshFunctionObject(name, runTime, dict), stretches_(false), recorder_(nullptr), replaced_(-1),
+      lastTime_(-VGREAT), finished_(false)
+{
+    read(dict);
+}
+
+Foam::functionObjects::m4gnRecorder::~m4gnRecorder()
+{
+    if (runComplete()) {
+        finish();
+    }
+    m4gn_recorder_free(recorder_);
+}
+
+bool Foam::functionObjects::m4gnRecorder::read(const dictionary& dict)
+{
+    if (nodes_) {
+        // A change of controlDict while recording
+        Log << type() << ' ' << name() << ": recording goes on as it was"
+            << " begun; changes to the dictionary take effect in the next run" << endl;
+        return true;
+    }
+
+    fvMeshFunctionObject::read(dict);
+    m4gn::checkStatic(mesh_, dict);
+
+    m4gn::checkDictionaries(dict, {"nodeTypes", "provenance"});
+    m4gnElasticModes::checkDictionary(dict);
+    m4gn::checkOptions(dict, "recorder", options(dict, "file"), ownKeys());
+    m4gn::checkAtLeast(dict, "modes", dict.getOrDefault<label>("modes", defaultModes), 0);
+
+    dict_ = dict;
+    fieldNames_ = dict.getOrDefault<wordList>("fields", wordList({"U", "p"}));
+    file_ = dict.getOrDefault<fileName>("file", fileName());
+    stretches_ = dict.getOrDefault<word>("hybrid", "no") == "stretches";
+    if (!stretches_) {
+        dict.getOrDefault<bool>("hybrid", false);
+    }
+
+    m4gnNodes::atPoints(dict);
+
+    if (fieldNames_.empty()) {
+        FatalIOErrorInFunction(dict) << "Entry fields is empty; expected names such as (U p)"
+                                     << exit(FatalIOError);
+    }
+
+    return true;
+}
+
+bool Foam::functionObjects::m4gnRecorder::execute() { return true; }
+
+bool Foam::functionObjects::m4gnRecorder::write()
+{
+    // The last time is executed twice if the run stops there (Time::run)
+    if (finished_ || time_.value() <= lastTime_) {
+        return true;
+    }
+
+    if (!nodes_) {
+        start();
+    }
+
+    if (stretches_) {
+        const auto replaced = m4gnActiveSurrogate::last(mesh_);
+
+        if (replaced.timeIndex != replaced_) {
+            close();
+            replaced_ = replaced.timeIndex;
+        }
+        if (replaced_ == time_.timeIndex() && !replaced.handedOver) {
+            return true;
+        }
+    }
+
+    fields_->gather(*nodes_);
+    if (!recorder_) {
+        open();
+    }
+
+    m4gn::check(
+        m4gn_recorder_append(recorder_, time_.value(), fields_->cells().data(), fields_->boundary().data()),
+        "m4gnRecorder cannot record a frame");
+
+    lastTime_ = time_.value();
+
+    return true;
+}
+
+bool Foam::functionObjects::m4gnRecorder::end()
+{
+    finish();
+
+    return true;
+}
+
+void Foam::functionObjects::m4gnRecorder::updateMesh(const mapPolyMesh&)
+{
+    m4gn::refuseChange(*this, "a trajectory");
+}
+
+void Foam::functionObjects::m4gnRecorder::movePoints(const polyMesh&)
+{
+    m4gn::refuseMotion(*this, mesh_, "a trajectory");
+}

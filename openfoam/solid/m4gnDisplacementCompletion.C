@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnDisplacementCompletion.H"
+#include "m4gnDictionary.H"
+#include "m4gnOwnFields.H"
+#include "Time.H"
+
+namespace
+{
+//- Time's deltaT0 of the next time step is the deltaT of this one. A stride is
+//  no step of the solver: give it the solver's own.
+struct previousStep : public Foam::TimeState
+{
+    static void set(Foam::Time& time, const Foam::scalar deltaT)
+    {
+        Foam::scalar Foam::TimeState::*saved = &previousStep::deltaTSave_;
+        static_cast<Foam::TimeState&>(time).*saved = deltaT;
+    }
+};
+
+} // End anonymous namespace
+
+Foam::volVectorField& Foam::m4gnDisplacementCompletion::D() const
+{
+    return mesh_.lookupObjectRef<volVectorField>(DName_);
+}
+
+Foam::volVectorField& Foam::m4gnDisplacementCompletion::rate() const
+{
+    return mesh_.lookupObjectRef<volVectorField>(m4gnOwnFields::rateOf(DName_));
+}
+
+Foam::word Foam::m4gnDisplacementCompletion::displacementName(const dictionary& dict)
+{
+    return dict.getOrDefault<word>("D", "D");
+}
+
+void Foam::m4gnDisplacementCompletion::update() { D().correctBoundaryConditions(); }
+
+Foam::m4gnDisplacementCompletion::m4gnDisplacementCompletion(
+    const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
+    : m4gnCompletion(mesh, dict, session), DName_(displacementName(dict)), dynamic_(false)
+{
+    refuseHistory();
+
+    const word used(m4gn::scheme(mesh_.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')'));
+
+    if (used != "Euler" && used != "steadyState") {
+        FatalErrorInFunction << "mode replace does not handle the time scheme of " << DName_
+                             << " in d2dt2Schemes: " << used << nl << "    Handled: Euler, steadyState"
+                             << exit(FatalError);
+    }
+    dynamic_ = used == "Euler";
+
+    wordList needed(1, DName_);
+    if (dynamic_) {
+        needed.append(m4gnOwnFields::rateOf(DName_));
+    }
+
+    checkAdvanced(needed, used, "");
+}
+
+void Foam::m4gnDisplacementCompletion::advance(const m4gnState& predicted, const scalar duration)
+{
+    predicted.impose();
+    update();
+
+    if (dynamic_) {
+        const volVectorField& old = D().oldTime();
+        const scalar rDuration = 1 / duration;
+
+        // Predicted, and not to be computed from D anew
+        rate().timeIndex() = time_.timeIndex();
+
+        auto& boundary = rate().boundaryFieldRef();
+        forAll(boundary, patchi) {
+            boundary[patchi] == rDuration*(D().boundaryField()[patchi] - old.boundaryField()[patchi]);
+        }
+        rate().correctBoundaryConditions();
+    }
+}
+
+void Foam::m4gnDisplacementCompletion::complete(const scalar deltaT, const bool handOver)
+{
+    if (handOver) {
+        smooth();
+    }
+
+    if (dynamic_) {
+        D().oldTime().primitiveFieldRef() = D().primitiveField() - deltaT * rate().primitiveField();
+        previousStep::set(time_, deltaT);
+    }
+}
+
+Foam::wordList Foam::m4gnDisplacementCompletion::advanced() const
+{
+    // sigmaD and divSigmaExp: of solidDisplacementFoam
+    wordList names(m4gnCompletion::advanced());
+    names.append(wordList({DName_, m4gnOwnFields::rateOf(DName_), "sigmaD", "divSigmaExp"}));
+    return names;
+}
+
+Foam::List<Foam::m4gnCompletion::quantity> Foam::m4gnDisplacementCompletion::quantities() const
+{
+    const tmp<scalarField> magD(mag(D().primitiveField()));
+
+    return {quantity("minMag" + DName_, gMin(magD())), quantity("maxMag" + DName_, gMax(magD()))};
+}

@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// The run's files: what a run is carried on from, tables, totals, fields of errors; and its log
+
+#include "m4gnHybridRun.H"
+#include "m4gnCore.H"
+#include "m4gnDictionary.H"
+#include "m4gnNodeTypes.H"
+#include "m4gnSegmentField.H"
+#include "m4gnCaseChecks.H"
+#include "m4gnVersion.H"
+#include "OFstream.H"
+#include "OSspecific.H"
+#include "StringStream.H"
+#include "Time.H"
+#include "writeFile.H"
+
+std::string Foam::m4gnHybridRun::types() const
+{
+    const m4gn_mesh_data& data = session_->nodes().data();
+    labelList types(mesh_.boundaryMesh().nNonProcessor(), -1);
+    for (label facei = 0; facei < data.n_boundary; ++facei) {
+        const word name(data.patch_names[data.boundary_patch[facei]]);
+        types[mesh_.boundaryMesh().findPatchID(name)] = data.boundary_type[facei];
+    }
+    Pstream::listCombineGather(types, maxEqOp<label>());
+
+    std::string text;
+    forAll(types, patchi) {
+        if (types[patchi] >= 0) {
+            text += m4gn::quoted(mesh_.boundaryMesh()[patchi].name()) + ' '
+                    + m4gnNodeTypes::names.get(types[patchi]) + "; ";
+        }
+    }
+    return text;
+}
+
+void Foam::m4gnHybridRun::listen()
+{
+    static const char* const files[] = {"surrogate", "strides", "surrogateError", "surrogateSegmentError"};
+
+    for (label i = 0; i < tables_.size(); ++i) {
+        const std::string rows(m4gn_ride_text(ride_, M4GN_RIDE_JUMPS + i));
+        if (rows.size()) {
+            if (!tables_.set(i)) {
+                tables_.set(i, new functionObjects::writeFile(mesh_, name_, files[i], dict_));
+            }
+            if (Pstream::master() && tables_[i].writeToFile()) {
+                tables_[i].file() << rows.c_str() << flush;
+            }
+        }
+    }
+
+    const std::string text(m4gn_ride_text(ride_, M4GN_RIDE_LOG));
+    if (text.size()) {
+        Info << text.c_str() << flush;
+    }
+
+    std::string warning;
+    while ((warning = m4gn_ride_text(ride_, M4GN_RIDE_WARNING)).size()) {
+        WarningInFunction << warning.c_str() << endl;
+    }
+}
+
+Foam::fileName Foam::m4gnHybridRun::stateFile(const word& name, const Time& time, const word& at)
+{
+    // A file handler that collates has the times of all ranks in one folder
+    const fileName ranks(fileHandler().filePath(time.path() / at));
+
+    return (ranks.empty() ? time.path() / at : ranks) / "uniform" / (name + ".state");
+}
+
+bool Foam::m4gnHybridRun::stored(const word& name, const Time& time)
+{
+    const fileName path(stateFile(name, time, time.timeName()));
+    // What is no plain file is refused when it is taken up
+    bool found = Pstream::master() && Foam::mode(path) != 0;
+    reduce(found, orOp<bool>());
+    return found;
+}
+
+Foam::dictionary Foam::m4gnHybridRun::storedTypes(const word& name, const Time& time)
+{
+    const fileName path(stateFile(name, time, time.timeName()));
+    string text;
+    if (Pstream::master()) {
+        char found[8192] = "";
+        // What is damaged is refused when it is taken up
+        if (m4gn_ride_host(path.c_str(), found, sizeof(found)) == M4GN_OK) {
+            text = found;
+        }
+    }
+    m4gn::broadcast(text);
+
+    IStringStream stream(text);
+    return dictionary(stream);
+}
+
+void Foam::m4gnHybridRun::save()
+{
+    if (observes_) {
+        return;
+    }
+
+    // The first rank writes when the fields of all ranks are there
+    const fileName path(stateFile(name_, mesh_.time(), mesh_.time().timeName()));
+    if (Pstream::master()) {
+        mkDir(path.path());
+    }
+    returnReduce(true, andOp<bool>());
+    m4gn::check(m4gn_ride_save(ride_, path.c_str()), "m4gnSurrogate cannot write its state");
+}
+
+bool Foam::m4gnHybridRun::load(m4gn_ride_answer& answer)
+{
+    const m4gn_ride_step step(now());
+    const fileName path(stateFile(name_, mesh_.time(), mesh_.time().timeName()));
+    const std::vector<const double*> state(state_.gather());
+    const int32_t status = m4gn_ride_load(ride_, path.c_str(), &step, state.data(), &answer);
+
+    if (status == M4GN_ERROR_MODEL) {
+        WarningInFunction << m4gn_last_error() << ": the schedule of " << name_ << " begins anew" << endl;
+        return false;
+    }
+    m4gn::check(status, "m4gnSurrogate cannot carry on");
+    listen();
+    return true;
+}
+
+void Foam::m4gnHybridRun::end()
+{
+    const std::string summary(m4gn_ride_text(ride_, M4GN_RIDE_SUMMARY));
+    listen();
+
+    if (summary.empty() || !Pstream::master()) {
+        return;
+    }
+
+    const fileName dir(m4gn::outputDir(name_, mesh_));
+    mkDir(dir);
+    OFstream os(dir / "summary.json");
+    os << summary.c_str();
+
+    if (!os.good()) {
+        FatalErrorInFunction << "Cannot write " << os.name() << exit(FatalError);
+    }
+}
+
+template <class Type> void Foam::m4gnHybridRun::writeError(const label surrogatei, const label arrayi) const
+{
+    const word name(state_.arrays()[arrayi].name);
+    const word of(kinds_.size() > 1 ? word(kinds_[surrogatei] + ':' + name, false) : name);
+    tmp<GeometricField<Type, fvPatchField, volMesh>> tfield(
+        m4gn::cellField<Type>(mesh_, "error(" + of + ')', mesh_.time().timeName()));
+    auto& field = tfield.ref();
+
+    auto* cells = reinterpret_cast<scalar*>(field.primitiveFieldRef().data());
+    if (m4gn_ride_difference(ride_, surrogatei, arrayi, cells) != M4GN_OK) {
+        // It does not advance it, or none has been compared yet
+        return;
+    }
+    field.correctBoundaryConditions();
+    field.dimensions().reset(
+        mesh_.lookupObject<GeometricField<Type, fvPatchField, volMesh>>(name).dimensions());
+    field.note() = "m4gn: the surrogate's " + name + " at time "
+                   + std::string(m4gn_ride_text(ride_, M4GN_RIDE_DIFFERENCE_TIME)) + " minus the solver's";
+    field.write();
+}
+
+void Foam::m4gnHybridRun::writeErrors() const
+{
+    if (!observes_ || !mesh_.time().writeTime() || !dict_.getOrDefault<bool>("writeErrors", false)) {
+        return;
+    }
+
+    forAll(kinds_, surrogatei) {
+        for (size_t arrayi = 0; arrayi < state_.arrays().size(); ++arrayi) {
+            const m4gn_array& array = state_.arrays()[arrayi];
+            // Those of points are no fields of cells
+            const bool measured = array.role == M4GN_SOLVED || array.role == M4GN_FOLLOWS;
+            if (measured && array.place == M4GN_CELLS) {
+                array.components == 1 ? writeError<scalar>(surrogatei, arrayi)
+                                      : writeError<vector>(surrogatei, arrayi);
+            }
+        }
+    }
+}

@@ -1,0 +1,12 @@
+//! What every room stands on: the errors of all crates, whole files, settings from text, the loader of the project's own
+//! libraries.
+//!
+//! Nothing here knows meshes or ranks. [`plugin`] loads libraries; [`ffi`] has the floating-point environment and signals.
+
+mod error;
+pub mod ffi;
+pub mod files;
+pub mod plugin;
+pub mod settings;
+
+pub use error::{Error, Result};

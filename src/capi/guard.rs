@@ -1,0 +1,115 @@
+//! The guarded guard that every export goes through.
+
+use m4gn_base::ffi::fpe::without_traps;
+use m4gn_base::{Error, Result};
+use m4gn_parallel::Comm;
+use m4gn_parallel::panic_text;
+use std::cell::RefCell;
+use std::ffi::{CString, c_char};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+thread_local! {
+    static LAST_ERROR: RefCell<CString> = RefCell::default();
+}
+
+/// Runs the body of export `name`; an error or a panic is kept and becomes `failed(status)`.
+pub fn enter<T>(name: &str, failed: impl FnOnce(i32) -> T, body: impl FnOnce() -> Result<T>) -> T {
+    // Unwind safety: after a panic the handle is only good to be freed, and says so (status < 0).
+    let result = without_traps(|| catch_unwind(AssertUnwindSafe(body)));
+    let error = match result {
+        Ok(Ok(value)) => return value,
+        Ok(Err(error)) => error,
+        Err(panic) => Error::Internal(format!("{name}: {}", panic_text(&*panic))),
+    };
+    keep(&error.to_string());
+    failed(error.status())
+}
+
+/// `m4gn_last_error`.
+pub fn last_error() -> *const c_char {
+    // A thread that is being torn down has no message any more.
+    LAST_ERROR.try_with(|m| m.borrow().as_ptr()).unwrap_or(c"".as_ptr())
+}
+
+fn keep(message: &str) {
+    let clean: Vec<u8> = message.bytes().filter(|b| *b != 0).collect();
+    if let Ok(message) = CString::new(clean) {
+        let _ = LAST_ERROR.try_with(|m| *m.borrow_mut() = message);
+    }
+}
+
+/// The body of the collective export `name`: each rank reads what its host gave, all agree that they could and that
+/// the options are the same on all (a line for each; what belongs to a rank alone is left out), and then work together.
+/// It ends on all ranks with the same class of status.
+pub fn together<I, T>(
+    name: &str,
+    comm: &Comm,
+    read: impl FnOnce() -> Result<(I, String)>,
+    work: impl FnOnce(I) -> Result<T>,
+) -> Result<T> {
+    comm.guarded(|| {
+        let (input, options) = match read() {
+            Ok((input, options)) => (Ok(input), options),
+            Err(e) => (Err(e), String::new()),
+        };
+        work(comm.agree_with(input, &format!("call {name}\n{options}"))?)
+    })
+}
+
+/// Puts what `make` makes where the host wants its handle, and null there before. `make` is told of a place that
+/// cannot be used, so that a rank with one does not stay away from the others.
+pub fn create<T>(place: Result<&mut *mut T>, make: impl FnOnce(Result<()>) -> Result<T>) -> Result<i32> {
+    match place {
+        Ok(place) => {
+            *place = std::ptr::null_mut();
+            *place = Box::into_raw(Box::new(make(Ok(()))?));
+            Ok(0)
+        }
+        Err(e) => make(Err(e)).map(|_| 0),
+    }
+}
+
+/// The last part of a path: folders may differ between ranks (distributed roots), the file is the same.
+pub fn file_name(path: &std::path::Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Defines exports whose bodies run behind the guard. `or` says what is returned for a status after a failure.
+macro_rules! exports {
+    ($($(#[$doc:meta])* fn $name:ident($($arg:ident: $kind:ty),* $(,)?) -> $out:ty, or $failed:expr; $body:block)*) => {$(
+        $(#[$doc])*
+        ///
+        /// # Safety
+        /// Pointers must be what `m4gn.h` says, for the length of the call.
+        #[unsafe(no_mangle)]
+        pub unsafe extern "C" fn $name($($arg: $kind),*) -> $out {
+            $crate::guard::enter(stringify!($name), $failed, || $body)
+        }
+    )*};
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::ffi::CStr;
+
+    fn message() -> String {
+        // SAFETY: the string of this thread lives until the next call.
+        unsafe { CStr::from_ptr(last_error()) }.to_string_lossy().into_owned()
+    }
+
+    #[test]
+    fn errors_and_panics_become_statuses() {
+        std::thread::spawn(|| {
+            assert_eq!(message(), "");
+            assert_eq!(enter("a", |s| s, || Err(Error::Mesh("hole\0s".into()))), 4);
+            assert_eq!(message(), "holes");
+            assert_eq!(enter("a", |s| s, || Ok(0)), 0);
+            assert_eq!(message(), "holes", "the last failure is kept");
+            assert_eq!(enter("m4gn_x", |s| s, || panic!("no {}", 1)), -1);
+            assert!(message().contains("m4gn_x: no 1"), "{}", message());
+        })
+        .join()
+        .unwrap();
+    }
+}

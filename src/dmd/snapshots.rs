@@ -1,0 +1,512 @@
+//! States at uniform times and their inner products, which all ranks have.
+//!
+//! A state is kept as its difference from the first one. What never changes is therefore kept to the bit by every combination
+//! of states, and single precision is relative to what a field varies by, not to its level.
+
+use m4gn_base::{Error, Result};
+use m4gn_parallel::{Comm, everywhere, same_on_all_ranks};
+use m4gn_state::{Array, Layout, Role};
+use pulp::{Arch, Simd, WithSimd};
+use serde::{Deserialize, Serialize};
+
+/// Numbers that are worked on at a time, so that they stay in the first cache.
+const BLOCK: usize = 2048;
+
+/// How the numbers of snapshots are kept. Sums are in double precision with both.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Storage {
+    /// 8 bytes a number.
+    #[default]
+    Double,
+    /// 4 bytes a number.
+    Single,
+}
+
+/// The differences of a field from its reference.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Values {
+    Double(Vec<f64>),
+    Single(Vec<f32>),
+    /// There is no difference: what does not change takes no memory.
+    Same,
+}
+
+impl Values {
+    fn set(&mut self, storage: Storage, values: &[f64], reference: &[f64]) {
+        if values == reference {
+            *self = Values::Same;
+            return;
+        }
+        if *self == Values::Same {
+            *self = match storage {
+                Storage::Double => Values::Double(vec![0.0; values.len()]),
+                Storage::Single => Values::Single(vec![0.0; values.len()]),
+            };
+        }
+        let pairs = values.iter().zip(reference);
+        match self {
+            Values::Double(to) => to.iter_mut().zip(pairs).for_each(|(d, (x, r))| *d = x - r),
+            Values::Single(to) => to.iter_mut().zip(pairs).for_each(|(d, (x, r))| *d = (x - r) as f32),
+            Values::Same => {}
+        }
+    }
+
+    /// `out[i] += c * self[from + i]`.
+    fn add(&self, c: f64, from: usize, out: &mut [f64]) {
+        let to = from + out.len();
+        match self {
+            Values::Double(v) => out.iter_mut().zip(&v[from..to]).for_each(|(o, d)| *o += c * d),
+            Values::Single(v) => out.iter_mut().zip(&v[from..to]).for_each(|(o, d)| *o += c * f64::from(*d)),
+            Values::Same => {}
+        }
+    }
+
+    /// Adds the products `other[i] * self[from + i]`.
+    fn dot(&self, sum: &mut Sum, other: &[f64], from: usize) {
+        let to = from + other.len();
+        match self {
+            Values::Double(v) => Arch::new().dispatch(Dot { sum, a: other, b: &v[from..to] }),
+            Values::Single(v) => {
+                let mut double = [0.0; BLOCK];
+                double.iter_mut().zip(&v[from..to]).for_each(|(d, s)| *d = f64::from(*s));
+                Arch::new().dispatch(Dot { sum, a: other, b: &double[..other.len()] });
+            }
+            Values::Same => {}
+        }
+    }
+}
+
+/// A sum and what its rounding has left out: twice the digits, so that the order of the terms, and with it the number of ranks, does not
+/// show in the rounded sum.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Sum(pub f64, pub f64);
+
+impl Sum {
+    fn add(&mut self, x: f64) {
+        let sum = self.0 + x;
+        let part = sum - self.0;
+        self.1 += (self.0 - (sum - part)) + (x - part);
+        self.0 = sum;
+    }
+
+    fn join(&mut self, other: Sum) {
+        self.add(other.0);
+        self.1 += other.1;
+    }
+}
+
+/// Vectors of sums side by side: as many as hide the time of an addition.
+const SUMS: usize = 4;
+
+/// Adds the products of two arrays of the same length, in vectors as wide as the processor has them.
+struct Dot<'a> {
+    sum: &'a mut Sum,
+    a: &'a [f64],
+    b: &'a [f64],
+}
+
+impl WithSimd for Dot<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let ((a, a_rest), (b, b_rest)) = (S::as_simd_f64s(self.a), S::as_simd_f64s(self.b));
+        let ((a, a_few), (b, b_few)) = (a.as_chunks::<SUMS>(), b.as_chunks::<SUMS>());
+        let (mut high, mut low) = ([simd.splat_f64s(0.0); SUMS], [simd.splat_f64s(0.0); SUMS]);
+        for (x, y) in a.iter().zip(b) {
+            for i in 0..SUMS {
+                add_products(simd, &mut high[i], &mut low[i], x[i], y[i]);
+            }
+        }
+        for (x, y) in a_few.iter().zip(b_few) {
+            add_products(simd, &mut high[0], &mut low[0], *x, *y);
+        }
+        // Eight numbers in a vector at most
+        let mut lanes = [[0.0; 8 * SUMS]; 2];
+        for (i, (h, l)) in high.iter().zip(&low).enumerate() {
+            S::as_mut_simd_f64s(&mut lanes[0]).0[i] = *h;
+            S::as_mut_simd_f64s(&mut lanes[1]).0[i] = *l;
+        }
+        for (h, l) in lanes[0].iter().zip(&lanes[1]).take(SUMS * S::F64_LANES) {
+            self.sum.join(Sum(*h, *l));
+        }
+        a_rest.iter().zip(b_rest).for_each(|(x, y)| self.sum.add(x * y));
+    }
+}
+
+/// [`Sum::add`] of products, lane by lane.
+#[inline(always)]
+fn add_products<S: Simd>(simd: S, high: &mut S::f64s, low: &mut S::f64s, x: S::f64s, y: S::f64s) {
+    let term = simd.mul_f64s(x, y);
+    let sum = simd.add_f64s(*high, term);
+    let part = simd.sub_f64s(sum, *high);
+    let of_high = simd.sub_f64s(*high, simd.sub_f64s(sum, part));
+    *low = simd.add_f64s(*low, simd.add_f64s(of_high, simd.sub_f64s(term, part)));
+    *high = sum;
+}
+
+/// Sums of the parts of all ranks. Collective.
+fn sum_all(comm: &Comm, parts: &[Sum]) -> Vec<f64> {
+    let local: Vec<f64> = parts.iter().flat_map(|s| [s.0, s.1]).collect();
+    let mut sums = vec![Sum::default(); parts.len()];
+    for of_rank in everywhere(comm, &local).chunks_exact(local.len().max(1)) {
+        for (sum, part) in sums.iter_mut().zip(of_rank.chunks_exact(2)) {
+            sum.join(Sum(part[0], part[1]));
+        }
+    }
+    sums.iter().map(|s| s.0 + s.1).collect()
+}
+
+/// One kept state.
+pub(crate) struct Entry {
+    /// Its time is this many intervals after the first sample's.
+    pub number: i64,
+    /// Its row in the tables of inner products.
+    pub slot: usize,
+    /// Of each field.
+    pub values: Vec<Values>,
+    /// Least value of each field over all ranks, where it has a floor; infinite elsewhere.
+    pub least: Vec<f64>,
+}
+
+/// A combination of kept states: the weight of each, by its slot.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Combination(pub(crate) Vec<f64>);
+
+/// The kept states, oldest first, `capacity` at most, with the inner products of each field.
+pub struct Snapshots {
+    comm: Comm,
+    fields: Vec<Array>,
+    storage: Storage,
+    capacity: usize,
+    pub(crate) reference: Vec<Vec<f64>>,
+    /// Square of the reference, of each field.
+    pub(crate) level: Vec<f64>,
+    pub(crate) entries: Vec<Entry>,
+    /// Of each field that is measured `capacity` times `capacity` inner products of differences from the reference, by slots; those of the
+    /// last states are there once [`complete`](Self::complete) was called.
+    pub(crate) products: Vec<Vec<f64>>,
+    /// Last states without inner products.
+    fresh: usize,
+}
+
+impl Snapshots {
+    /// None yet. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for fields that are no state, or that differ between the ranks in more than their length.
+    pub fn new(comm: &Comm, fields: Vec<Array>, storage: Storage, capacity: usize) -> Result<Self> {
+        comm.agree(check(&fields))?;
+        let shared = Layout::new(fields.clone())?.shared();
+        let single = i64::from(storage == Storage::Single);
+        let options = [
+            ("number of fields of the dmd surrogate", fields.len() as i64),
+            ("snapshots of the dmd surrogate", capacity as i64),
+            ("storage of the dmd surrogate", single),
+        ];
+        same_on_all_ranks(comm, &options)?;
+        comm.agree_with(Ok(()), &shared)?;
+        Ok(Snapshots {
+            comm: comm.clone(),
+            reference: Vec::new(),
+            level: Vec::new(),
+            entries: Vec::new(),
+            products: fields
+                .iter()
+                .map(|f| vec![0.0; if enters(f) { capacity * capacity } else { 0 }])
+                .collect(),
+            fields,
+            storage,
+            capacity,
+            fresh: 0,
+        })
+    }
+
+    /// Bytes on this rank when all snapshots are there and all fields change, one more to interpolate from included.
+    pub fn memory(&self) -> usize {
+        let numbers: usize = self.fields.iter().map(Array::numbers).sum();
+        let each = match self.storage {
+            Storage::Double => 8,
+            Storage::Single => 4,
+        };
+        let products: usize = self.products.iter().map(Vec::len).sum();
+        numbers * (self.capacity * each + 2 * 8) + products * 8
+    }
+
+    /// The fields of a state.
+    pub fn fields(&self) -> &[Array] {
+        &self.fields
+    }
+
+    /// The ranks that have the states.
+    pub fn comm(&self) -> &Comm {
+        &self.comm
+    }
+
+    pub(crate) fn storage(&self) -> Storage {
+        self.storage
+    }
+
+    /// Numbers of the kept states, ascending.
+    pub fn numbers(&self) -> impl Iterator<Item = i64> + '_ {
+        self.entries.iter().map(|e| e.number)
+    }
+
+    pub(crate) fn capacity(&self) -> usize {
+        self.capacity
+    }
+
+    pub(crate) fn slot(&self, number: i64) -> Option<usize> {
+        let found = self.entries.binary_search_by_key(&number, |e| e.number);
+        found.ok().map(|i| self.entries[i].slot)
+    }
+
+    /// Keeps a state; where there is no room, `spare` names the kept one (its place, oldest first) that goes. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of values than the fields have, a value that is not finite, or a number that is not above
+    /// all kept ones.
+    pub fn push(&mut self, number: i64, state: &[&[f64]], spare: impl Fn(&Self) -> usize) -> Result<()> {
+        let checked = self.check(number, state);
+        self.comm.agree(checked)?;
+        if self.reference.is_empty() {
+            self.set_reference(state.iter().map(|v| v.to_vec()).collect());
+        }
+        let mut entry = match self.entries.len() < self.capacity {
+            true => {
+                let used = |slot: &usize| self.entries.iter().any(|e| e.slot == *slot);
+                let slot = (0..self.capacity).find(|s| !used(s)).unwrap_or(0);
+                Entry { number, slot, values: vec![Values::Same; self.fields.len()], least: Vec::new() }
+            }
+            false => {
+                let place = spare(self).min(self.entries.len() - 1);
+                self.fresh -= usize::from(place + self.fresh >= self.entries.len());
+                self.entries.remove(place)
+            }
+        };
+        entry.number = number;
+        for ((to, x), r) in entry.values.iter_mut().zip(state).zip(&self.reference) {
+            to.set(self.storage, x, r);
+        }
+        let least = |(f, x): (&Array, &&[f64])| match f.floor.is_some() {
+            true => -x.iter().copied().fold(f64::INFINITY, f64::min),
+            false => f64::NEG_INFINITY,
+        };
+        let mut negative: Vec<f64> = self.fields.iter().zip(state).map(least).collect();
+        self.comm.max_f64(&mut negative);
+        entry.least = negative.iter().map(|v| -v).collect();
+        self.add(entry);
+        Ok(())
+    }
+
+    /// Takes up a state that is later than all others.
+    pub(crate) fn add(&mut self, entry: Entry) {
+        self.entries.push(entry);
+        self.fresh += 1;
+    }
+
+    /// Makes the inner products of the states that came since the last call: several states at once read those before them once. Collective.
+    pub(crate) fn complete(&mut self) {
+        if self.fresh > 0 {
+            let sums = sum_all(&self.comm, &self.local_products());
+            self.set_products(&sums);
+            self.fresh = 0;
+        }
+    }
+
+    fn check(&self, number: i64, state: &[&[f64]]) -> Result<()> {
+        if state.len() != self.fields.len() {
+            return Err(Error::Input(format!(
+                "dmd: a state of {} fields: expected {}",
+                state.len(),
+                self.fields.len()
+            )));
+        }
+        for (f, x) in self.fields.iter().zip(state) {
+            if x.len() != f.numbers() {
+                return Err(Error::Input(format!(
+                    "dmd: field {}: {} values: expected {}",
+                    f.name,
+                    x.len(),
+                    f.numbers()
+                )));
+            }
+            if let Some(i) = x.iter().position(|v| !v.is_finite()) {
+                return Err(Error::Input(format!(
+                    "dmd: field {}: value {i} is {}: expected finite numbers",
+                    f.name, x[i]
+                )));
+            }
+        }
+        match self.entries.last() {
+            Some(last) if last.number >= number => Err(Error::Input(format!(
+                "dmd: state number {number} after {}: expected a later one",
+                last.number
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// Collective.
+    pub(crate) fn set_reference(&mut self, reference: Vec<Vec<f64>>) {
+        let square = |(f, x): (&Array, &Vec<f64>)| {
+            let mut sum = Sum::default();
+            let mut weighted = [0.0; BLOCK];
+            for from in (0..x.len()).step_by(BLOCK) {
+                let part = &x[from..x.len().min(from + BLOCK)];
+                let weighted = &mut weighted[..part.len()];
+                weighted.copy_from_slice(part);
+                weigh(f, from, weighted);
+                Arch::new().dispatch(Dot { sum: &mut sum, a: weighted, b: part });
+            }
+            sum
+        };
+        let squares: Vec<Sum> = self.fields.iter().zip(&reference).map(square).collect();
+        self.level = sum_all(&self.comm, &squares);
+        self.reference = reference;
+    }
+
+    /// This rank's part of the inner products of the fresh states with all up to each: of a field those of the first fresh state, of the
+    /// second, and so on, then those of the next field.
+    fn local_products(&self) -> Vec<Sum> {
+        let n = self.entries.len();
+        let mut products = vec![Sum::default(); self.fresh * n * self.fields.len()];
+        let mut weighted = [0.0; BLOCK];
+        for (f, (field, sums)) in
+            self.fields.iter().zip(products.chunks_exact_mut(self.fresh * n)).enumerate()
+        {
+            if !enters(field) {
+                continue;
+            }
+            for from in (0..field.numbers()).step_by(BLOCK) {
+                let weighted = &mut weighted[..(field.numbers() - from).min(BLOCK)];
+                for (last, row) in (n - self.fresh..n).zip(sums.chunks_exact_mut(n)) {
+                    weighted.fill(0.0);
+                    self.entries[last].values[f].add(1.0, from, weighted);
+                    weigh(field, from, weighted);
+                    for (sum, e) in row.iter_mut().zip(&self.entries[..=last]) {
+                        e.values[f].dot(sum, weighted, from);
+                    }
+                }
+            }
+        }
+        products
+    }
+
+    fn set_products(&mut self, sums: &[f64]) {
+        let (n, c) = (self.entries.len(), self.capacity);
+        let slots: Vec<usize> = self.entries.iter().map(|e| e.slot).collect();
+        for (table, sums) in self.products.iter_mut().zip(sums.chunks_exact(self.fresh * n)) {
+            if table.is_empty() {
+                continue;
+            }
+            for (last, row) in (n - self.fresh..n).zip(sums.chunks_exact(n)) {
+                for (&slot, sum) in slots[..=last].iter().zip(row) {
+                    table[slots[last] * c + slot] = *sum;
+                    table[slot * c + slots[last]] = *sum;
+                }
+            }
+        }
+    }
+
+    /// A number a state that has its inner products, the same on all ranks: the squares of the reference and of the difference from it, all
+    /// fields together.
+    pub(crate) fn marks(&self) -> Vec<f64> {
+        let level: f64 = self.level.iter().sum();
+        let square = |slot: usize| slot * (self.capacity + 1);
+        let of = |e: &Entry| self.products.iter().filter_map(|t| t.get(square(e.slot))).sum::<f64>() + level;
+        self.entries[..self.entries.len() - self.fresh].iter().map(of).collect()
+    }
+
+    /// Mean square of what field `f` varies by about its mean over these slots; 0 where that is rounding.
+    pub(crate) fn variation(&self, f: usize, slots: &[usize]) -> f64 {
+        let (t, c, m) = (&self.products[f], self.capacity, slots.len() as f64);
+        if t.is_empty() || slots.is_empty() {
+            return 0.0;
+        }
+        let squares: f64 = slots.iter().map(|s| t[s * c + s]).sum::<f64>() / m;
+        let mean: f64 =
+            slots.iter().map(|a| slots.iter().map(|b| t[a * c + b]).sum::<f64>()).sum::<f64>() / (m * m);
+        let rounding = f64::EPSILON * f64::EPSILON * 1e4 * self.level[f] + 16.0 * f64::EPSILON * squares;
+        match squares - mean {
+            v if v > rounding => v,
+            _ => 0.0,
+        }
+    }
+
+    /// Square of the difference of two combinations of states in field `f`.
+    pub(crate) fn distance(&self, f: usize, a: &Combination, b: &Combination) -> f64 {
+        let (t, c) = (&self.products[f], self.capacity);
+        if t.is_empty() {
+            return 0.0;
+        }
+        let d: Vec<(usize, f64)> = (0..c).map(|s| (s, a.0[s] - b.0[s])).filter(|(_, d)| *d != 0.0).collect();
+        let sum: f64 = d.iter().map(|(i, x)| x * d.iter().map(|(j, y)| y * t[i * c + j]).sum::<f64>()).sum();
+        sum.max(0.0)
+    }
+
+    /// The kept state of this number as a combination.
+    pub(crate) fn single(&self, number: i64) -> Option<Combination> {
+        let slot = self.slot(number)?;
+        let mut c = vec![0.0; self.capacity];
+        c[slot] = 1.0;
+        Some(Combination(c))
+    }
+
+    /// The mean of the kept states of these numbers as a combination.
+    pub(crate) fn mean(&self, numbers: &[i64]) -> Combination {
+        let mut c = vec![0.0; self.capacity];
+        let slots = numbers.iter().filter_map(|&n| self.slot(n));
+        slots.for_each(|slot| c[slot] = 1.0 / numbers.len() as f64);
+        Combination(c)
+    }
+
+    /// Field `f` of a combination of kept states. A value below the field's floor is replaced by the least value of these states. Returns
+    /// this rank's sum of squares of what that has changed, with the field's weights.
+    pub(crate) fn combine(&self, f: usize, combination: &Combination, out: &mut [f64]) -> f64 {
+        let used: Vec<(&Entry, f64)> =
+            self.entries.iter().map(|e| (e, combination.0[e.slot])).filter(|(_, c)| *c != 0.0).collect();
+        for (b, block) in out.chunks_mut(BLOCK).enumerate() {
+            block.fill(0.0);
+            for (e, c) in &used {
+                e.values[f].add(*c, b * BLOCK, block);
+            }
+            for (o, r) in block.iter_mut().zip(&self.reference[f][b * BLOCK..]) {
+                *o += r;
+            }
+        }
+        let field = &self.fields[f];
+        let Some(floor) = field.floor else { return 0.0 };
+        let least = used.iter().map(|(e, _)| e.least[f]).fold(f64::INFINITY, f64::min).max(floor);
+        let mut raised = 0.0;
+        for (i, o) in out.iter_mut().enumerate().filter(|(_, o)| **o < floor) {
+            let weight = field.weights.get(i / field.components).copied().unwrap_or(1.0);
+            raised += weight * (least - *o).powi(2);
+            *o = least;
+        }
+        raised
+    }
+}
+
+/// Values of a field from number `from` on times their weights.
+fn weigh(field: &Array, from: usize, values: &mut [f64]) {
+    let w = &field.weights;
+    match field.components {
+        _ if w.is_empty() => {}
+        1 => values.iter_mut().zip(&w[from..]).for_each(|(v, w)| *v *= w),
+        n => values.iter_mut().enumerate().for_each(|(i, v)| *v *= w[(from + i) / n]),
+    }
+}
+
+/// Whether a field is part of the inner product of states.
+pub(crate) fn enters(field: &Array) -> bool {
+    matches!(field.role, Role::Solved | Role::Prescribed)
+}
+
+fn check(fields: &[Array]) -> Result<()> {
+    match fields.iter().any(enters) {
+        true => Layout::new(fields.to_vec()).map(|_| ()),
+        false => Err(Error::Input("dmd: expected at least one array with an equation in time".into())),
+    }
+}

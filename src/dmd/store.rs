@@ -1,0 +1,220 @@
+//! Snapshots on disk, one file a rank: a header with the reference state, then a record a snapshot, each with its checksum. A snapshot
+//! is written once; what a run is carried on from names those that it needs.
+//!
+//! A block is its length (8 bytes), its bytes, and their CRC-32 (4 bytes); all numbers are little endian.
+
+use crate::snapshots::{Entry, Snapshots, Storage, Values};
+use m4gn_base::{Error, Result, files};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+const MAGIC: &[u8; 8] = b"m4gnlin2";
+
+/// The file of a run's snapshots.
+#[derive(Debug)]
+pub(crate) struct Store {
+    path: PathBuf,
+    /// Where the next record goes.
+    end: u64,
+    records: usize,
+    last: i64,
+}
+
+/// What a file holds.
+pub(crate) struct Stored {
+    pub reference: Vec<Vec<f64>>,
+    pub entries: Vec<Entry>,
+    pub store: Store,
+    /// What was wrong with the rest of the file; empty: nothing.
+    pub damage: String,
+}
+
+impl Store {
+    /// Writes the snapshots that the file does not have yet; a new file where there is none, or it has grown long.
+    pub fn save(of: Option<Store>, path: &Path, snapshots: &Snapshots) -> Result<Store> {
+        let failed = |e: io::Error| Error::file(path, format!("cannot be written: {e}"));
+        match of {
+            // Who clears the folder while a run goes on does not end it.
+            Some(store)
+                if store.path == path && store.records <= 3 * snapshots.capacity() && path.is_file() =>
+            {
+                store.append(snapshots).map_err(failed)
+            }
+            _ => {
+                if let Some(folder) = path.parent() {
+                    fs::create_dir_all(folder).map_err(failed)?;
+                }
+                let mut bytes = MAGIC.to_vec();
+                block(&mut bytes, &header(snapshots)).map_err(failed)?;
+                files::write_whole(path, &bytes)?;
+                let store = Store { path: path.into(), end: bytes.len() as u64, records: 0, last: i64::MIN };
+                store.append(snapshots).map_err(failed)
+            }
+        }
+    }
+
+    fn append(mut self, snapshots: &Snapshots) -> io::Result<Store> {
+        let mut file = OpenOptions::new().write(true).open(&self.path)?;
+        // What a run that was stopped has left behind goes.
+        file.set_len(self.end)?;
+        file.seek(SeekFrom::Start(self.end))?;
+        let mut out = BufWriter::new(file);
+        for entry in snapshots.entries.iter().filter(|e| e.number > self.last) {
+            self.end += block(&mut out, &record(entry))?;
+            self.records += 1;
+        }
+        self.last = snapshots.entries.last().map_or(self.last, |e| e.number);
+        out.into_inner().map_err(io::IntoInnerError::into_error)?.sync_data()?;
+        Ok(self)
+    }
+
+    /// Reads the snapshots up to `last` of a run with the same fields. What comes after damage is dropped.
+    ///
+    /// # Errors
+    /// [`Error::File`] where there is none, or it is of other fields.
+    pub fn read(path: &Path, snapshots: &Snapshots, last: i64) -> Result<Stored> {
+        let bad = |what: String| Error::file(path, what);
+        let mut file = files::check_plain(path)
+            .and_then(|()| File::open(path))
+            .map_err(|e| bad(format!("cannot be read: {e}")))?;
+        let mut magic = [0; 8];
+        if file.read_exact(&mut magic).is_err() || &magic != MAGIC {
+            return Err(bad("expected snapshots of a dmd surrogate, found another format".into()));
+        }
+        let longest: usize = 64 + snapshots.fields().iter().map(|f| 16 + f.numbers() * 8).sum::<usize>();
+        let described = header(snapshots);
+        let (head, found) = next(&mut file, longest + 4096)
+            .map_err(|e| bad(format!("its header is damaged ({e})")))?
+            .ok_or_else(|| bad("its header is missing".into()))?;
+        let fields = text(&described).len();
+        if head.len() < fields || head[..fields] != described[..fields] {
+            return Err(bad("expected the fields, interval and storage of this run, found others".into()));
+        }
+        let mut values = doubles(&head[fields..]);
+        let reference: Vec<Vec<f64>> =
+            snapshots.fields().iter().map(|f| values.by_ref().take(f.numbers()).collect()).collect();
+        if reference.iter().zip(snapshots.fields()).any(|(r, f)| r.len() != f.numbers()) {
+            return Err(bad("its reference state is not as long as the fields".into()));
+        }
+        let mut store = Store { path: path.into(), end: 8 + found, records: 0, last: i64::MIN };
+        let (mut entries, mut damage) = (Vec::new(), String::new());
+        loop {
+            match next(&mut file, longest) {
+                Ok(None) => break,
+                Ok(Some((bytes, length))) => match entry(&bytes, snapshots) {
+                    Some(e) if e.number > last => break,
+                    Some(e) => {
+                        (store.last, store.end) = (e.number, store.end + length);
+                        store.records += 1;
+                        entries.push(e);
+                    }
+                    None => damage = format!("record {} is none of this run", store.records + 1),
+                },
+                Err(e) => damage = format!("record {} is damaged ({e})", store.records + 1),
+            }
+            if !damage.is_empty() {
+                break;
+            }
+        }
+        Ok(Stored { reference, entries, store, damage })
+    }
+}
+
+/// Names and shapes of the fields, up to a zero byte; then the reference.
+fn header(snapshots: &Snapshots) -> Vec<u8> {
+    let fields = snapshots.fields().iter();
+    let mut bytes: Vec<u8> = fields
+        .flat_map(|f| format!("{} {} {} {:?}\n", f.name, f.numbers(), f.components, f.floor).into_bytes())
+        .collect();
+    bytes.extend(format!("{:?}\0", snapshots.storage()).bytes());
+    snapshots.reference.iter().flatten().for_each(|v| bytes.extend(v.to_le_bytes()));
+    bytes
+}
+
+fn text(header: &[u8]) -> &[u8] {
+    let end = header.iter().position(|b| *b == 0).map_or(header.len(), |i| i + 1);
+    &header[..end]
+}
+
+fn record(entry: &Entry) -> Vec<u8> {
+    let mut bytes = entry.number.to_le_bytes().to_vec();
+    bytes.extend((entry.slot as u64).to_le_bytes());
+    entry.least.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+    bytes.extend(entry.values.iter().map(|v| u8::from(*v != Values::Same)));
+    for values in &entry.values {
+        match values {
+            Values::Double(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
+            Values::Single(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
+            Values::Same => {}
+        }
+    }
+    bytes
+}
+
+fn entry(bytes: &[u8], snapshots: &Snapshots) -> Option<Entry> {
+    let (fields, storage) = (snapshots.fields(), snapshots.storage());
+    let width = if storage == Storage::Double { 8 } else { 4 };
+    let (head, rest) = bytes.split_at_checked(16 + 8 * fields.len())?;
+    let (there, rest) = rest.split_at_checked(fields.len())?;
+    let numbers: usize = fields.iter().zip(there).filter(|(_, t)| **t != 0).map(|(f, _)| f.numbers()).sum();
+    if rest.len() != numbers * width {
+        return None;
+    }
+    let whole = |i: usize| head[8 * i..].first_chunk::<8>().copied().unwrap_or_default();
+    let slot = usize::try_from(u64::from_le_bytes(whole(1))).ok().filter(|s| *s < snapshots.capacity())?;
+    let mut at = 0;
+    let values = fields.iter().zip(there).map(|(f, there)| {
+        if *there == 0 {
+            return Values::Same;
+        }
+        let part = &rest[at..at + f.numbers() * width];
+        at += f.numbers() * width;
+        match storage {
+            Storage::Double => Values::Double(doubles(part).collect()),
+            Storage::Single => {
+                let singles = part.chunks_exact(4).map(|c| c.first_chunk::<4>().copied().unwrap_or_default());
+                Values::Single(singles.map(f32::from_le_bytes).collect())
+            }
+        }
+    });
+    Some(Entry {
+        values: values.collect(),
+        number: i64::from_le_bytes(whole(0)),
+        slot,
+        least: doubles(&head[16..]).collect(),
+    })
+}
+
+fn doubles(bytes: &[u8]) -> impl Iterator<Item = f64> + '_ {
+    bytes.chunks_exact(8).map(|c| f64::from_le_bytes(c.first_chunk::<8>().copied().unwrap_or_default()))
+}
+
+/// Bytes written.
+fn block(out: &mut impl Write, bytes: &[u8]) -> io::Result<u64> {
+    out.write_all(&(bytes.len() as u64).to_le_bytes())?;
+    out.write_all(bytes)?;
+    out.write_all(&crc32fast::hash(bytes).to_le_bytes())?;
+    Ok(bytes.len() as u64 + 12)
+}
+
+/// The next block and its length in the file; none at the end.
+fn next(file: &mut File, longest: usize) -> io::Result<Option<(Vec<u8>, u64)>> {
+    let mut length = [0; 8];
+    if file.read(&mut length[..1])? == 0 {
+        return Ok(None);
+    }
+    file.read_exact(&mut length[1..])?;
+    let length = u64::from_le_bytes(length);
+    if length > longest as u64 {
+        return Err(io::Error::other(format!("{length} bytes where at most {longest} are expected")));
+    }
+    let mut bytes = vec![0; length as usize];
+    file.read_exact(&mut bytes)?;
+    let mut sum = [0; 4];
+    file.read_exact(&mut sum)?;
+    match u32::from_le_bytes(sum) == crc32fast::hash(&bytes) {
+        true => Ok(Some((bytes, length + 12))),
+        false => Err(io::Error::other("its checksum is another")),
+    }
+}

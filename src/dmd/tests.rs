@@ -1,0 +1,390 @@
+//! What is known on paper: sums of damped waves, trends, constants, and what is no fit.
+
+use crate::{Delayed, FitSettings, OnlineDmd, Settings, Storage, Window, relative};
+use m4gn_parallel::Comm;
+use m4gn_state::Array;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+const N: usize = 60;
+
+/// Waves `decay^k cos(angle k)` with a pattern of their own for cosine and sine.
+struct Waves {
+    waves: Vec<(f64, f64)>,
+    patterns: Vec<[Vec<f64>; 2]>,
+    base: Vec<f64>,
+}
+
+impl Waves {
+    fn new(waves: &[(f64, f64)]) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        let mut pattern = || (0..N).map(|_| random.random_range(-1.0..1.0)).collect::<Vec<f64>>();
+        Waves {
+            patterns: waves.iter().map(|_| [pattern(), pattern()]).collect(),
+            base: pattern(),
+            waves: waves.to_vec(),
+        }
+    }
+
+    fn at(&self, k: f64) -> Vec<f64> {
+        let mut x = self.base.clone();
+        for ((decay, angle), [a, b]) in self.waves.iter().zip(&self.patterns) {
+            let (c, s) = (decay.powf(k) * (angle * k).cos(), decay.powf(k) * (angle * k).sin());
+            x.iter_mut().zip(a.iter().zip(b)).for_each(|(x, (a, b))| *x += c * a + s * b);
+        }
+        x
+    }
+}
+
+fn fit() -> FitSettings {
+    FitSettings { min_snapshots: 24, ..FitSettings::default() }
+}
+
+fn settings(fit: FitSettings) -> Settings {
+    Settings { interval: 0.5, storage: Storage::Double, fit, held: 0 }
+}
+
+fn two(storage: Storage) -> OnlineDmd {
+    let volumes = (0..N).map(|i| 1.0 + (i % 3) as f64).collect();
+    let fields = vec![Array::solved("U", 1, volumes), Array::carried("phi", N + 1)];
+    OnlineDmd::new(&Comm::serial(), fields, Settings { storage, ..settings(fit()) }).unwrap()
+}
+
+/// `phi` is a linear function of U: differences, and a last value that never changes.
+fn phi(u: &[f64]) -> Vec<f64> {
+    let mut phi: Vec<f64> = (0..u.len()).map(|i| u[i] - u[(i + 1) % u.len()]).collect();
+    phi.push(std::f64::consts::PI);
+    phi
+}
+
+fn feed(linear: &mut OnlineDmd, range: std::ops::Range<usize>, state: impl Fn(f64) -> Vec<f64>) {
+    for k in range {
+        let u = state(k as f64);
+        assert_eq!(linear.offer(k as f64 * 0.5, 0.5, &[&u, &phi(&u)]).unwrap(), 1);
+    }
+}
+
+fn predicted(linear: &OnlineDmd, strides: f64) -> [Vec<f64>; 2] {
+    let state = linear.predict(strides).unwrap();
+    [0, 1].map(|f| {
+        let mut out = vec![0.0; linear.snapshots().fields()[f].numbers()];
+        linear.field(f, &state, &mut out);
+        out
+    })
+}
+
+fn largest(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+fn window_of(states: &[Vec<f64>]) -> Window {
+    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+    let products = states.iter().flat_map(|a| states.iter().map(move |b| product(a, b))).collect();
+    Window::new((0..states.len() as i64).collect(), products)
+}
+
+#[test]
+fn eigenvalues_of_damped_waves_are_known() {
+    let known = [(0.999, 0.6), (0.98, 1.3), (1.0, 0.25)];
+    let waves = Waves::new(&known);
+    let mut states: Vec<Vec<f64>> = (0..40).map(|k| waves.at(k as f64)).collect();
+    states.iter_mut().for_each(|s| s.iter_mut().zip(&waves.base).for_each(|(x, b)| *x -= b));
+    let dmd = Delayed::new(&window_of(&states), 4, 30).unwrap().modes(30, true).unwrap();
+    // Three pairs, and 1 of the mean that was taken.
+    let mut found: Vec<(f64, f64)> =
+        dmd.eigenvalues().iter().map(|e| (e[0].hypot(e[1]), e[1].atan2(e[0]))).collect();
+    assert!(found.len() <= 7, "{found:?}");
+    found.retain(|(_, angle)| *angle > 1e-6);
+    for (decay, angle) in known {
+        let nearest = found.iter().map(|f| (f.0 - decay).abs().max((f.1 - angle).abs())).fold(1.0, f64::min);
+        assert!(nearest < 1e-10, "{decay} {angle}: {nearest:e} of {found:?}");
+    }
+    // Of a pair the one above the real axis comes first, and sizes fall.
+    for pair in dmd.eigenvalues().windows(2) {
+        let size = |e: [f64; 2]| e[0].hypot(e[1]);
+        assert!(size(pair[0]) >= size(pair[1]) * (1.0 - 1e-12));
+    }
+}
+
+#[test]
+fn far_states_of_waves_are_predicted_in_one_go_and_conserve_what_is_linear() {
+    let waves = Waves::new(&[(0.9995, 0.6), (1.0, 1.3)]);
+    let mut linear = two(Storage::Double);
+    feed(&mut linear, 0..40, |k| waves.at(k));
+    let fit = linear.fit().unwrap();
+    assert!(fit.tail_error() < 1e-6, "{}", fit.tail_error());
+    for strides in [0.5, 1.0, 7.0, 400.0] {
+        let [u, flux] = predicted(&linear, strides);
+        let exact = waves.at(39.0 + strides);
+        assert!(largest(&u, &exact) < 2e-6, "{strides}: {:e}", largest(&u, &exact));
+        assert!(largest(&flux, &phi(&u)) < 1e-13, "{strides}: {:e}", largest(&flux, &phi(&u)));
+        assert_eq!(flux[N].to_bits(), std::f64::consts::PI.to_bits(), "what never changes stays to the bit");
+    }
+}
+
+#[test]
+fn a_jump_and_the_solver_after_it_are_the_history_of_the_next() {
+    let waves = Waves::new(&[(1.0, 0.6), (1.0, 1.3)]);
+    let mut linear = two(Storage::Double);
+    feed(&mut linear, 0..30, |k| waves.at(k));
+    linear.fit().unwrap();
+    assert!(linear.jump(20));
+    let expected = linear.predict(1.0).unwrap();
+    feed(&mut linear, 50..51, |k| waves.at(k));
+    let errors = linear.errors(&expected, 1).unwrap();
+    assert!(relative(&errors) < 1e-5, "{errors:?}");
+    assert!((errors[0].hold - 0.7).abs() < 0.5, "{errors:?}");
+    assert!(largest(&predicted(&linear, 30.0)[0], &waves.at(80.0)) < 1e-5);
+    // A gap that nobody filled: nothing can be said until there are enough states again.
+    feed(&mut linear, 60..61, |k| waves.at(k));
+    assert!(linear.predict(1.0).is_none());
+    assert!(linear.fit().is_none(), "one state after a gap");
+    feed(&mut linear, 61..90, |k| waves.at(k));
+    assert!(linear.fit().is_some());
+}
+
+#[test]
+fn trends_go_on() {
+    let waves = Waves::new(&[(1.0, 0.6)]);
+    let mut linear = two(Storage::Double);
+    let state = |k: f64| -> Vec<f64> { waves.base.iter().map(|b| b * (1.0 + 0.03 * k)).collect() };
+    feed(&mut linear, 0..30, state);
+    assert!(linear.fit().unwrap().tail_error() < 1e-5);
+    let u = &predicted(&linear, 10.0)[0];
+    assert!(largest(u, &state(39.0)) < 1e-4, "{:e}", largest(u, &state(39.0)));
+}
+
+#[test]
+fn growth_is_kept_where_the_tail_says_so_and_clipped_where_it_is_told() {
+    let waves = Waves::new(&[(1.03, 0.6)]);
+    for (growing, expected) in [(None, 1.03), (Some(true), 1.03), (Some(false), 1.0)] {
+        let fields = vec![Array { weights: Vec::new(), ..Array::solved("U", 1, vec![1.0; N]) }];
+        let fit = FitSettings { unstable_modes: growing, ..fit() };
+        let mut linear = OnlineDmd::new(&Comm::serial(), fields, settings(fit)).unwrap();
+        for k in 0..30 {
+            linear.offer(k as f64 * 0.5, 0.5, &[&waves.at(k as f64)]).unwrap();
+        }
+        let first = linear.fit().unwrap().dmd.eigenvalues()[0];
+        assert!((first[0].hypot(first[1]) - expected).abs() < 1e-7, "{growing:?}: {first:?}");
+    }
+}
+
+#[test]
+fn noise_is_seen_in_the_tail() {
+    let waves = Waves::new(&[(1.0, 0.6), (1.0, 1.3)]);
+    let mut errors = Vec::new();
+    for level in [1e-6, 1e-3, 10.0] {
+        let mut random = ChaCha8Rng::seed_from_u64(9);
+        let noise: Vec<Vec<f64>> =
+            (0..40).map(|_| (0..N).map(|_| random.random_range(-level..level)).collect()).collect();
+        let mut linear = two(Storage::Double);
+        feed(&mut linear, 0..40, |k| {
+            waves.at(k).iter().zip(&noise[k as usize]).map(|(x, n)| x + n).collect()
+        });
+        errors.push(linear.fit().unwrap().tail_error());
+    }
+    assert!(errors[0] < 1e-5 && errors[1] < 1e-2 && errors[1] > 1e-5 && errors[2] > 0.3, "{errors:?}");
+}
+
+#[test]
+fn what_cannot_be_fitted_is_none() {
+    let waves = Waves::new(&[(1.0, 0.6)]);
+    let mut linear = two(Storage::Double);
+    assert!(linear.fit().is_none() && linear.predict(1.0).is_none() && !linear.jump(3));
+    feed(&mut linear, 0..1, |k| waves.at(k));
+    assert!(linear.fit().is_none() && linear.predict(1.0).is_none());
+    feed(&mut linear, 1..23, |k| waves.at(k));
+    assert!(linear.fit().is_none(), "one state less than the least");
+    let mut still = two(Storage::Double);
+    feed(&mut still, 0..30, |_| waves.base.clone());
+    assert!(still.fit().is_none(), "nothing varies");
+    // Of rank two only, with thirty asked for.
+    feed(&mut linear, 23..40, |k| waves.at(k));
+    let fit = linear.fit().unwrap();
+    assert!(fit.dmd.eigenvalues().len() <= 3, "{:?}", fit.dmd.eigenvalues());
+    assert!(largest(&predicted(&linear, 100.0)[0], &waves.at(139.0)) < 1e-6);
+}
+
+#[test]
+fn single_precision_is_relative_to_the_variation() {
+    let waves = Waves::new(&[(1.0, 0.6), (1.0, 1.3)]);
+    let state = |k: f64| -> Vec<f64> { waves.at(k).iter().map(|x| 300.0 + 0.01 * x).collect() };
+    let mut linear = two(Storage::Single);
+    feed(&mut linear, 0..40, state);
+    linear.fit().unwrap();
+    let u = &predicted(&linear, 5.0)[0];
+    assert!(largest(u, &state(44.0)) < 1e-6, "{:e}", largest(u, &state(44.0)));
+    assert!(linear.snapshots().memory() < two(Storage::Double).snapshots().memory());
+}
+
+#[test]
+fn the_window_moves_and_the_memory_stays() {
+    let waves = Waves::new(&[(1.0, 0.6), (0.9999, 1.3)]);
+    let mut linear = two(Storage::Double);
+    let memory = linear.snapshots().memory();
+    feed(&mut linear, 0..200, |k| waves.at(k));
+    assert_eq!(linear.snapshots().numbers().count(), 48);
+    assert_eq!(linear.snapshots().memory(), memory);
+    assert_eq!(linear.fit().unwrap().numbers.last(), Some(&199));
+    assert!(largest(&predicted(&linear, 3.0)[0], &waves.at(202.0)) < 1e-6);
+    // What a fit is made of stays while it is in use.
+    let fitted = linear.fitted().unwrap().numbers.clone();
+    linear.jump(10);
+    feed(&mut linear, 210..240, |k| waves.at(k));
+    let there: Vec<i64> = linear.snapshots().numbers().collect();
+    assert!(fitted.iter().all(|n| there.contains(n)));
+}
+
+#[test]
+fn samples_between_steps_are_interpolated() {
+    let mut linear = two(Storage::Double);
+    let state = |t: f64| -> Vec<f64> { (0..N).map(|i| i as f64 * t).collect() };
+    let times = [0.0, 0.3, 0.45, 0.7, 0.9, 1.2, 1.45, 1.7];
+    let mut numbers = Vec::new();
+    for (i, &t) in times.iter().enumerate() {
+        let step = times.get(i + 1).map_or(0.3, |next| next - t);
+        if linear.wants(t, step) {
+            let u = state(t);
+            numbers.push(linear.offer(t, step, &[&u, &phi(&u)]).unwrap());
+        }
+    }
+    assert_eq!(linear.snapshots().numbers().collect::<Vec<_>>(), [0, 1, 2, 3]);
+    assert_eq!(numbers.iter().sum::<usize>(), 4);
+    for n in 0..4 {
+        let kept = linear.snapshots().single(n).unwrap();
+        let mut u = vec![0.0; N];
+        linear.field(0, &kept, &mut u);
+        assert!(largest(&u, &state(n as f64 * 0.5)) < 1e-12, "{n}");
+    }
+    let u = state(9.0);
+    assert!(linear.offer(1.0, 0.1, &[&u, &phi(&u)]).unwrap_err().to_string().contains("later"));
+}
+
+#[test]
+fn what_falls_below_its_floor_has_the_least_value_of_the_window_and_nothing_else_is_raised() {
+    let fields = vec![Array { floor: Some(0.0), ..Array::solved("k", 1, vec![0.5; 2]) }];
+    let fit = FitSettings { unstable_modes: Some(true), ..fit() };
+    let mut linear = OnlineDmd::new(&Comm::serial(), fields, settings(fit)).unwrap();
+    let state = |k: f64| [2.0 + 1.02f64.powf(k) * (0.4 * k).cos(), 5.0 - 0.05 * k];
+    let mut least = f64::INFINITY;
+    for k in 0..30 {
+        let s = state(k as f64);
+        least = least.min(s[0]).min(s[1]);
+        linear.offer(k as f64 * 0.5, 0.5, &[&s]).unwrap();
+    }
+    linear.fit().unwrap();
+    let (mut raised, mut lower, mut k) = (0, 0, [0.0; 2]);
+    for strides in 1..60 {
+        let square = linear.field(0, &linear.predict(strides as f64).unwrap(), &mut k);
+        let exact = state(29.0 + strides as f64);
+        let expected = if exact[0] < 0.0 { 0.5 * (least - exact[0]).powi(2) } else { 0.0 };
+        assert!((square - expected).abs() < 1e-6, "{strides}: {square} {expected}");
+        assert!(
+            (k[0] - if exact[0] < 0.0 { least } else { exact[0] }).abs() < 1e-6,
+            "{strides}: {k:?} {exact:?}"
+        );
+        assert!((k[1] - exact[1]).abs() < 1e-6, "what cools goes on cooling: {k:?}");
+        raised += usize::from(square > 0.0);
+        lower += usize::from(k[0] < least && square == 0.0);
+    }
+    assert!(raised > 5 && lower > 2, "{raised} {lower}");
+}
+
+#[test]
+fn a_run_that_is_carried_on_has_the_same_bits() {
+    let waves = Waves::new(&[(1.0, 0.6), (0.999, 1.3)]);
+    let folder = tempfile::tempdir().unwrap();
+    for storage in [Storage::Double, Storage::Single] {
+        let path = folder.path().join(format!("{storage:?}/linear.snapshots"));
+        let mut linear = two(storage);
+        feed(&mut linear, 0..35, |k| waves.at(k));
+        linear.save(&path).unwrap();
+        feed(&mut linear, 35..60, |k| waves.at(k));
+        linear.fit().unwrap();
+        linear.jump(4);
+        let state = linear.save(&path).unwrap();
+        // What is written later is none of this state's.
+        feed(&mut linear, 64..70, |k| waves.at(k));
+        linear.save(&path).unwrap();
+        let size = std::fs::metadata(&path).unwrap().len();
+        let mut other = two(storage);
+        assert_eq!(other.restore(&path, state.clone()).unwrap(), "");
+        feed(&mut other, 64..70, |k| waves.at(k));
+        for strides in [1.0, 33.0] {
+            let bits = |l: &OnlineDmd| {
+                predicted(l, strides).map(|v| v.iter().map(|x| x.to_bits()).collect::<Vec<_>>())
+            };
+            assert_eq!(bits(&linear), bits(&other));
+        }
+        other.save(&path).unwrap();
+        assert_eq!(std::fs::metadata(&path).unwrap().len(), size, "each snapshot is there once");
+        // A damaged tail is dropped, and said.
+        let mut bytes = std::fs::read(&path).unwrap();
+        let at = bytes.len() - 40;
+        bytes[at] ^= 4;
+        std::fs::write(&path, &bytes).unwrap();
+        let late = linear.save(&folder.path().join("elsewhere")).unwrap();
+        let mut third = two(storage);
+        let said = third.restore(&path, late).unwrap();
+        assert!(said.contains("checksum"), "{said}");
+        assert_eq!(third.snapshots().numbers().last(), Some(68));
+        assert!(third.fitted().is_none());
+        // States of the same numbers, fields and interval, of another run
+        let mut stranger = two(storage);
+        feed(&mut stranger, 0..60, |k| Waves::new(&[(1.0, 0.6), (0.999, 1.31)]).at(k));
+        stranger.save(&path).unwrap();
+        let mut misled = two(storage);
+        let said = misled.restore(&path, state.clone()).unwrap();
+        assert!(said.contains("found those of another"), "{said}");
+        assert!(misled.fitted().is_none() && misled.snapshots().numbers().count() == 0);
+        bytes.truncate(30);
+        std::fs::write(&path, &bytes).unwrap();
+        let mut fourth = two(storage);
+        assert!(fourth.restore(&path, state).unwrap().contains("header"));
+        assert_eq!(fourth.snapshots().numbers().count(), 0);
+    }
+}
+
+#[test]
+fn snapshots_that_someone_removed_are_written_anew_and_a_pipe_is_not_waited_for() {
+    let waves = Waves::new(&[(1.0, 0.6), (0.999, 1.3)]);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("post/states");
+    let mut linear = two(Storage::Double);
+    feed(&mut linear, 0..35, |k| waves.at(k));
+    linear.save(&path).unwrap();
+    std::fs::remove_dir_all(path.parent().unwrap()).unwrap();
+    feed(&mut linear, 35..45, |k| waves.at(k));
+    let state = linear.save(&path).unwrap();
+    assert_eq!(two(Storage::Double).restore(&path, state.clone()).unwrap(), "");
+    std::fs::remove_file(&path).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+    let said = two(Storage::Double).restore(&path, state).unwrap();
+    assert!(said.contains("found a pipe or a device"), "{said}");
+}
+
+#[test]
+fn what_is_wrong_is_named() {
+    let comm = Comm::serial();
+    let field = || Array::solved("U", 1, vec![1.0; 3]);
+    let of = |fields: Vec<Array>, s: Settings| OnlineDmd::new(&comm, fields, s).err().unwrap().to_string();
+    let good = || settings(fit());
+    assert!(of(vec![field(), field()], good()).contains("another one has its name"));
+    assert!(of(vec![Array::carried("phi", 2)], good()).contains("an equation in time"));
+    assert!(of(vec![Array { items: 4, ..field() }], good()).contains("weights"));
+    assert!(of(vec![Array::solved("U", 1, vec![-1.0])], good()).contains("not below 0"));
+    assert!(of(vec![field()], Settings { interval: 0.0, ..good() }).contains("snapshotInterval"));
+    for (fit, words) in [
+        (FitSettings { hold_out: 0, ..fit() }, "holdOut"),
+        (FitSettings { min_snapshots: 4, ..fit() }, "minSnapshots"),
+        (FitSettings { window: 10, ..fit() }, "window"),
+        (FitSettings { delays: vec![], ..fit() }, "delays"),
+        (FitSettings { svd_rank: vec![0], ..fit() }, "svdRank"),
+    ] {
+        assert!(of(vec![field()], settings(fit)).contains(words), "{words}");
+    }
+    let mut linear = OnlineDmd::new(&comm, vec![field()], good()).unwrap();
+    assert!(linear.offer(0.0, 0.1, &[&[1.0, 2.0]]).unwrap_err().to_string().contains("expected 3"));
+    assert!(linear.offer(0.0, 0.1, &[&[1.0, 2.0, f64::NAN]]).unwrap_err().to_string().contains("finite"));
+    assert!(linear.offer(0.0, 0.1, &[]).unwrap_err().to_string().contains("expected 1"));
+}

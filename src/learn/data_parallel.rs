@@ -1,0 +1,82 @@
+//! One step of a training, or its rollouts, shared out to the ranks: the same weights on all of them, and the same answer on
+//! any number of them up to rounding.
+
+use super::backend::{Backend, Batch, Learned, Rollout};
+use super::normaliser::Normaliser;
+use m4gn_base::Result;
+use m4gn_parallel::Comm;
+
+/// Loss and gradient of a whole batch, of which each rank computes its share; the same on all ranks. Collective; all ranks
+/// fail together.
+///
+/// # Errors
+/// What the backend may fail with.
+pub fn learn_together(
+    comm: &Comm,
+    backend: &mut dyn Backend,
+    weights: &[f32],
+    normaliser: &Normaliser,
+    batch: &Batch,
+) -> Result<Learned> {
+    let (rank, size) = (comm.rank() as usize, comm.size() as usize);
+    // Whole pieces to a rank, so that the mean over a piece is the same on any number of ranks.
+    let pieces = batch.examples.len().div_ceil(batch.micro);
+    let bound = |rank: usize| (pieces * rank / size * batch.micro).min(batch.examples.len());
+    let share = Batch { examples: &batch.examples[bound(rank)..bound(rank + 1)], ..*batch };
+    let mut learned = comm.agree(backend.learn(weights, normaliser, &share))?;
+    comm.sum_f64(&mut learned.losses);
+    if let Some(moments) = &mut learned.moments {
+        let mut flat = moments.flat();
+        comm.sum_f64(&mut flat);
+        moments.set_flat(&flat);
+    }
+    if let Some(gradient) = &mut learned.gradient {
+        comm.sum_f32(gradient);
+    }
+    Ok(learned)
+}
+
+/// The errors of all rollouts of a plan ([`Backend::roll_out`]) of a model with so many predicted fields, which the ranks share; the same
+/// on all ranks. Collective; all ranks fail together.
+///
+/// # Errors
+/// What the backend may fail with.
+pub fn roll_out_together(
+    comm: &Comm,
+    backend: &mut dyn Backend,
+    weights: &[f32],
+    normaliser: &Normaliser,
+    plan: &[Rollout],
+    fields: usize,
+) -> Result<Vec<Vec<[f64; 2]>>> {
+    let outcomes = comm.agree(backend.roll_out(weights, normaliser, &own_share(comm, plan)))?;
+    let own = outcomes.into_iter().map(|errors| errors.as_flattened().to_vec());
+    let rows = plan.iter().map(|rollout| rollout.steps * fields);
+    let flat = gather_shares(comm, rows.clone().map(|n| 2 * n), own);
+    let mut pairs = flat.as_chunks().0.iter().copied();
+    Ok(rows.map(|n| pairs.by_ref().take(n).collect()).collect())
+}
+
+/// This rank's share of a plan: every so many-th of its parts as there are ranks.
+pub fn own_share<T: Copy>(comm: &Comm, plan: &[T]) -> Vec<T> {
+    let (rank, size) = (comm.rank() as usize, comm.size() as usize);
+    plan.iter().skip(rank).step_by(size).copied().collect()
+}
+
+/// The numbers of all parts of a plan, one part after the other, of which each rank has those of its [`own_share`]; `lengths` are
+/// how many numbers each part has. The same on all ranks. Collective.
+pub fn gather_shares(
+    comm: &Comm,
+    lengths: impl Iterator<Item = usize>,
+    mut own: impl Iterator<Item = Vec<f64>>,
+) -> Vec<f64> {
+    let (rank, size) = (comm.rank() as usize, comm.size() as usize);
+    // Each number is one rank's, and 0 on the others.
+    let part = |(i, length): (usize, usize)| match i % size == rank {
+        true => own.next().unwrap_or_default(),
+        false => vec![0.0; length],
+    };
+    let mut flat: Vec<f64> = lengths.enumerate().flat_map(part).collect();
+    comm.sum_f64(&mut flat);
+    flat
+}

@@ -1,0 +1,337 @@
+//! Higher-order dynamic mode decomposition of the run's own states, as a surrogate.
+
+use crate::dmd_settings::DmdSettings;
+use crate::fit_control::FitRules;
+use crate::registry::Making;
+use crate::schedule::Step;
+use crate::settings::Mode;
+use crate::surrogate::{Description, FitReport, Fits, Growth, Seen, Start, Surrogate};
+use m4gn_base::{Error, Result};
+use m4gn_dmd::{Combination, OnlineDmd, Outlook, Settings, State, relative};
+use m4gn_state::{Layout, Role, Values};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Time steps of the solver between snapshots where nothing is said.
+const STEPS: f64 = 25.0;
+
+/// What is kept for a run that is carried on, beside the snapshots.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RestartState {
+    fit: State,
+    /// Strides of the jump that is going on.
+    ahead: usize,
+    /// Time from which predictions begin, s, and how long after the present snapshot that is, in strides.
+    begin: f64,
+    offset: f64,
+    /// Whether the next snapshot is the first one after a jump.
+    jumped: bool,
+}
+
+/// The decomposition in a run.
+pub struct DmdSurrogate {
+    description: Description,
+    layout: Arc<Layout>,
+    /// Of each array that a fit knows its place in the layout.
+    places: Vec<usize>,
+    online: OnlineDmd,
+    settings: DmdSettings,
+    rules: FitRules,
+    now: RestartState,
+    predicted: Option<Combination>,
+    /// Where the rollout beside the solver began, and how long after that snapshot, in strides.
+    rollout: Option<(Outlook, f64)>,
+}
+
+/// Makes it, for the registry. Collective.
+///
+/// # Errors
+/// [`Error::Input`] for settings and arrays that cannot be.
+pub(crate) fn make(of: &Making) -> Result<Box<dyn Surrogate>> {
+    let settings = of.settings.dmd.clone().unwrap_or_default();
+    let observes = of.settings.mode == Mode::Observe;
+    DmdSurrogate::new(of, settings, observes).map(|made| Box::new(made) as Box<dyn Surrogate>)
+}
+
+impl DmdSurrogate {
+    fn new(of: &Making, settings: DmdSettings, observes: bool) -> Result<Self> {
+        let (comm, layout) = (of.comm, of.layout);
+        let places: Vec<usize> =
+            (0..layout.arrays().len()).filter(|&i| layout.arrays()[i].role != Role::Held).collect();
+        let advances = layout.measured();
+        let interval = settings.snapshot_interval.unwrap_or(STEPS * of.start.delta_t);
+        // A rollout beside the solver needs the snapshots of its start until its end.
+        let held = if observes { settings.window } else { 0 };
+        let own = Settings { interval, storage: settings.storage, fit: settings.fit(), held };
+        let arrays = layout.pick(&places).into_iter().cloned().collect();
+        let online = OnlineDmd::new(comm, arrays, own)?;
+        let mut bytes = [online.snapshots().memory() as f64];
+        comm.sum_f64(&mut bytes);
+        let note = format!(
+            "m4gn: the dmd surrogate keeps up to {} states {interval} s apart: {:.1} MiB on all ranks\n\n",
+            settings.window,
+            bytes[0] / f64::from(1 << 20)
+        );
+        let identity = DmdSettings { file: None, keep: true, ..settings.clone() };
+        let description = Description {
+            name: "dmd".into(),
+            source: "dmd, fitted to the run's own states".into(),
+            digest: format!("{:08x}", crc32fast::hash(format!("{identity:?} {interval}").as_bytes())),
+            stride: interval,
+            growth: vec![Growth::None; advances.len()],
+            advances,
+            reads: Vec::new(),
+            is_whole: true,
+            segments: Default::default(),
+            note,
+        };
+        Ok(DmdSurrogate {
+            description,
+            layout: layout.clone(),
+            places,
+            online,
+            rules: settings.rules(),
+            settings,
+            now: RestartState { begin: of.start.time, ..RestartState::default() },
+            predicted: None,
+            rollout: None,
+        })
+    }
+
+    /// This rank's file of snapshots; none: they are not kept.
+    fn file(&self) -> Option<PathBuf> {
+        let mut name = self.settings.file.as_ref().filter(|_| self.settings.keep)?.clone().into_os_string();
+        name.push(format!(".{}", self.online.snapshots().comm().rank()));
+        Some(name.into())
+    }
+
+    /// The place of an array of the layout among those that a fit knows.
+    fn own(&self, array: usize) -> usize {
+        self.places.iter().position(|&place| place == array).unwrap_or(0)
+    }
+
+    /// The advanced arrays of a prediction. Collective.
+    fn put(&self, prediction: &Combination, next: &mut Values) -> Result<()> {
+        let mut values: Values = next.iter().map(|v| vec![0.0; v.len()]).collect();
+        let mut raised = Vec::new();
+        for (v, &array) in values.iter_mut().zip(&self.description.advances) {
+            raised.push(self.online.field(self.own(array), prediction, v));
+        }
+        let comm = self.online.snapshots().comm();
+        let finite = values.iter().flatten().all(|v| v.is_finite());
+        let finite = finite
+            .then_some(())
+            .ok_or_else(|| Error::Numerical("the prediction of dmd is not finite".into()));
+        comm.agree(finite)?;
+        self.check_floors(&mut raised)?;
+        *next = values;
+        Ok(())
+    }
+
+    /// [`Error::Numerical`] where values had to be raised to what is physical by more than the jump tolerance of what the array varies by.
+    fn check_floors(&self, raised: &mut [f64]) -> Result<()> {
+        if self.layout.pick(&self.description.advances).iter().all(|a| a.floor.is_none()) {
+            return Ok(());
+        }
+        self.online.snapshots().comm().sum_f64(raised);
+        let Some(fit) = self.online.fitted() else { return Ok(()) };
+        for (&array, &square) in self.description.advances.iter().zip(raised.iter()) {
+            let variation = fit.variation(self.own(array));
+            if variation > 0.0 && square > self.rules.jump_tolerance.powi(2) * variation {
+                return Err(Error::Numerical(format!(
+                    "the fit lets {} fall below what is physical: the stride is not taken",
+                    self.layout.arrays()[array].name
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// [`Error::Numerical`] where a prediction differs from what is prescribed by more than the jump tolerance of its variation. Collective.
+    fn check_prescribed(&self, prediction: &Combination, ahead: &Values) -> Result<()> {
+        let snapshots = self.online.snapshots();
+        for (f, field) in snapshots.fields().iter().enumerate().filter(|(_, f)| f.role == Role::Prescribed) {
+            let values = &ahead[self.places[f]];
+            let mut predicted = vec![0.0; field.numbers()];
+            self.online.field(f, prediction, &mut predicted);
+            let off = predicted.iter().zip(values).map(|(a, b)| (a - b).powi(2));
+            let mut sums = [off.sum(), values.iter().map(|v| v * v).sum::<f64>()];
+            snapshots.comm().sum_f64(&mut sums);
+            let variation = self.online.fitted().map_or(0.0, |fit| fit.variation(f));
+            let share = (sums[0] / variation.max(1e-12 * sums[1])).sqrt();
+            if sums[0] > 0.0 && share > self.rules.jump_tolerance {
+                return Err(Error::Numerical(format!(
+                    "the input {} will be other than the fit says of it: the solver goes on",
+                    field.name
+                )));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Surrogate for DmdSurrogate {
+    fn describe(&self) -> &Description {
+        &self.description
+    }
+
+    fn predict(&mut self, start: Start, next: &mut Values) -> Result<()> {
+        let strides = self.now.offset + (self.now.ahead + 1) as f64;
+        let prediction = self.online.predict(strides);
+        let prediction =
+            prediction.ok_or_else(|| Error::Numerical("dmd has no fit to predict with".into()))?;
+        if let Some(ahead) = start.ahead {
+            self.check_prescribed(&prediction, ahead)?;
+        }
+        self.put(&prediction, next)?;
+        self.predicted = Some(prediction);
+        Ok(())
+    }
+
+    fn carry(&self, next: &mut [&mut [f64]]) {
+        let Some(prediction) = &self.predicted else { return };
+        for (f, &array) in self.places.iter().enumerate() {
+            let role = self.layout.arrays()[array].role;
+            if role == Role::Carried {
+                self.online.field(f, prediction, next[array]);
+            }
+        }
+    }
+
+    fn advanced(&mut self) {
+        self.now.ahead += 1;
+    }
+
+    fn handed_back(&mut self, time: f64, own: bool) -> f64 {
+        let strides = (time - self.now.begin) / self.description.stride;
+        self.now.begin = time;
+        let ahead = std::mem::take(&mut self.now.ahead);
+        // What another surrogate has made is no state of the solver.
+        if !(own && self.online.jump(ahead)) {
+            self.online.break_off();
+        }
+        self.now.jumped = true;
+        strides
+    }
+
+    fn fits(&self) -> Option<&dyn Fits> {
+        Some(self)
+    }
+
+    fn fits_mut(&mut self) -> Option<&mut dyn Fits> {
+        Some(self)
+    }
+
+    fn save(&self) -> Result<Option<Vec<u8>>> {
+        let Some(file) = self.file() else {
+            return Ok(None);
+        };
+        let kept = RestartState { fit: self.online.save(&file)?, ..self.now.clone() };
+        let bytes = serde_json::to_vec(&kept);
+        bytes.map(Some).map_err(|e| Error::Internal(format!("the state of dmd as JSON: {e}")))
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<()> {
+        let kept: RestartState =
+            serde_json::from_slice(saved).map_err(|e| Error::Input(format!("the state of dmd: {e}")))?;
+        let Some(file) = self.file() else {
+            return Ok(());
+        };
+        let said = self.online.restore(&file, kept.fit)?;
+        self.now = RestartState { fit: State::default(), ..kept };
+        match said.is_empty() {
+            true => Ok(()),
+            false => Err(Error::Input(format!(
+                "{said}: start from an earlier time, or remove the state of this run there, and the schedule begins anew"
+            ))),
+        }
+    }
+}
+
+impl Fits for DmdSurrogate {
+    fn rules(&self) -> &FitRules {
+        &self.rules
+    }
+
+    fn wants(&self, step: &Step) -> bool {
+        self.online.wants(step.time, step.delta_t)
+    }
+
+    fn observe(&mut self, step: &Step, state: &[&[f64]]) -> Result<Seen> {
+        let trial = self.online.predict(1.0);
+        let arrays: Vec<&[f64]> = self.places.iter().map(|&i| state[i]).collect();
+        let snapshots = self.online.offer(step.time, step.delta_t, &arrays)?;
+        if snapshots == 0 {
+            return Ok(Seen::default());
+        }
+        self.now.begin = step.time;
+        self.now.offset = self.online.since(step.time).unwrap_or(0.0).max(0.0);
+        let jumped = std::mem::take(&mut self.now.jumped);
+        let error = trial
+            .map(|trial| (self.online.errors(&trial, 1).map_or(f64::INFINITY, |e| relative(&e)), jumped));
+        Ok(Seen { snapshots, contiguous: self.online.stretch(), error })
+    }
+
+    fn fit(&mut self) -> Option<FitReport> {
+        let fit = self.online.fit()?;
+        let shape = fit.dmd.shape;
+        Some(FitReport {
+            snapshots: fit.numbers.len(),
+            delays: shape.delays,
+            rank: shape.rank,
+            unstable: shape.growing,
+            error: fit.tail_error(),
+            errors: fit.tail.iter().map(|e| (e.name.clone(), e.error)).collect(),
+        })
+    }
+
+    fn drop_fit(&mut self) {
+        self.online.forget();
+    }
+
+    fn has_fit(&self) -> bool {
+        self.online.fitted().is_some()
+    }
+
+    /// At the step at which a snapshot came, or that a jump ended with: predictions begin from there.
+    fn is_ready(&self, time: f64) -> bool {
+        let here = (time - self.now.begin).abs() < 1e-6 * self.description.stride;
+        here && self.has_fit() && self.online.predict(1.0).is_some()
+    }
+
+    fn seconds_a_snapshot(&self) -> f64 {
+        self.online.seconds_a_state()
+    }
+
+    fn begin_rollout(&mut self) {
+        self.rollout = self.online.outlook().map(|outlook| (outlook, self.now.offset));
+        self.online.hold(self.rollout.as_ref().map(|(outlook, _)| outlook));
+    }
+
+    fn follow(&mut self, stride: usize, next: &mut Values) -> Result<()> {
+        let Some((outlook, offset)) = &self.rollout else {
+            return Err(Error::Numerical("dmd has no rollout to go on with".into()));
+        };
+        let prediction = self.online.later(outlook, offset + stride as f64);
+        self.put(&prediction, next)
+    }
+
+    fn earlier(&self, before: f64, out: &mut [&mut [f64]]) -> Result<()> {
+        if !(before.is_finite() && before >= 0.0) {
+            return Err(Error::Input(format!(
+                "dmd: an old level {before} s before the present: expected 0 s or more"
+            )));
+        }
+        let present = self.now.offset + self.now.ahead as f64;
+        let state = self.online.predict(present - before / self.description.stride);
+        let state = state.ok_or_else(|| Error::Input("dmd: nothing was predicted".into()))?;
+        for (f, &array) in self.places.iter().enumerate() {
+            if self.layout.arrays()[array].role != Role::Prescribed {
+                self.online.field(f, &state, out[array]);
+            }
+        }
+        Ok(())
+    }
+}

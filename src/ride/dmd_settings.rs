@@ -1,0 +1,116 @@
+//! What a case sets of the dmd surrogate.
+
+use crate::fit_control::FitRules;
+use m4gn_base::settings;
+use m4gn_base::{Error, Result};
+use m4gn_dmd::{FitSettings, Storage};
+use std::path::PathBuf;
+
+/// Most strides of a jump: more than any run has, and few enough for a number each.
+const LONGEST: usize = 1_000_000;
+
+settings! {
+    /// Settings of a dmd surrogate in a run.
+    pub struct DmdSettings in "dmd" {
+        /// Time between the states that are kept, the stride: a tenth to a twentieth of the period of what the flow does.
+        pub snapshot_interval: Option<f64> [s] = None, "25 time steps";
+        /// States in a fit at most, up to 1000.
+        pub window: usize = FitSettings::default().window;
+        // The first states after a jump are not yet the solver's own.
+        /// States without a gap that a fit needs.
+        pub min_snapshots: Option<usize> = None, "`window`";
+        /// States at the end of the window that are held back to choose by.
+        pub hold_out: usize = FitSettings::default().hold_out;
+        /// Numbers of states in a delayed state to choose from.
+        pub delays: Vec<usize> = FitSettings::default().delays;
+        /// Numbers of directions that are kept of the delayed states, to choose from.
+        pub svd_rank: Vec<usize> = FitSettings::default().svd_rank;
+        /// Whether modes that grow go on growing, in place of keeping their size.
+        pub unstable_modes: Option<bool> = FitSettings::default().unstable_modes, "the held-back states say";
+        /// Strides of the solver between tries of a fit.
+        pub refit_interval: usize = 5;
+        /// Error of the held-back states, over that of holding the last state before them, below which a fit is used at once; one between
+        /// this and `jumpTolerance` is used when three later tries are not better by three tenths. A stride beside the solver with an error
+        /// below this, or below twice the fit's, makes the next jump longer; one above makes it shorter.
+        pub fit_tolerance: f64 = 0.005;
+        /// Largest error of the held-back states, and of a stride beside the solver after a jump, over that of holding the last state.
+        pub jump_tolerance: f64 = 0.02;
+        /// Strides of the first jump of a fit.
+        pub initial_jump: usize = 10;
+        /// How much longer the next jump may be.
+        pub jump_growth: f64 = 1.5;
+        /// Strides of a jump at most, up to a million.
+        pub max_jump: usize = 200;
+        /// How states are kept: `double` or `single`; sums are double with both.
+        pub storage: Storage = Storage::default();
+        /// Whether states are kept on disk for a run that is carried on.
+        pub keep: bool = true;
+        /// Where they are kept, a file a rank.
+        pub file: Option<PathBuf> = None, "nowhere";
+    }
+}
+
+impl DmdSettings {
+    pub(crate) fn min_snapshots(&self) -> usize {
+        self.min_snapshots.unwrap_or(self.window)
+    }
+
+    pub(crate) fn fit(&self) -> FitSettings {
+        FitSettings {
+            window: self.window,
+            min_snapshots: self.min_snapshots(),
+            hold_out: self.hold_out,
+            delays: self.delays.clone(),
+            svd_rank: self.svd_rank.clone(),
+            unstable_modes: self.unstable_modes,
+        }
+    }
+
+    pub(crate) fn check(&self) -> Result<()> {
+        let bad = |text: String| Err(Error::Input(format!("dmd: {text}")));
+        let above = |v: f64| v.is_finite() && v > 0.0;
+        if let Some(interval) = self.snapshot_interval.filter(|v| !above(*v)) {
+            return bad(format!("snapshotInterval {interval}: expected a time above 0, s"));
+        }
+        if !above(self.jump_tolerance) {
+            return bad(format!(
+                "jumpTolerance {}: expected an error above 0, such as 0.02",
+                self.jump_tolerance
+            ));
+        }
+        if !above(self.fit_tolerance) {
+            return bad(format!(
+                "fitTolerance {}: expected an error above 0, such as 0.005",
+                self.fit_tolerance
+            ));
+        }
+        if !(self.jump_growth.is_finite() && self.jump_growth >= 1.0) {
+            return bad(format!("jumpGrowth {}: expected at least 1", self.jump_growth));
+        }
+        if self.initial_jump == 0
+            || self.refit_interval == 0
+            || !(self.initial_jump..=LONGEST).contains(&self.max_jump)
+        {
+            return bad(format!(
+                "initialJump {}, maxJump {}, refitInterval {}: expected at least 1 stride each, and maxJump from initialJump to {LONGEST}",
+                self.initial_jump, self.max_jump, self.refit_interval
+            ));
+        }
+        self.fit().check()
+    }
+
+    /// By what it is decided when a fit is used, and how far it jumps.
+    pub(crate) fn rules(&self) -> FitRules {
+        FitRules {
+            fit_tolerance: self.fit_tolerance,
+            jump_tolerance: self.jump_tolerance,
+            initial_jump: self.initial_jump,
+            jump_growth: self.jump_growth,
+            max_jump: self.max_jump,
+            refit_interval: self.refit_interval,
+            min_snapshots: self.min_snapshots(),
+            window: self.window,
+            hold_out: self.hold_out,
+        }
+    }
+}

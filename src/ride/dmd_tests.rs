@@ -1,0 +1,401 @@
+//! The fit in a ride: two waves that a fit knows exactly, and what happens where it does not.
+
+use crate::schedule::Step;
+use crate::{Action, Answer, Description, Growth, Host as Guest, Ride, RideSettings, Start, Surrogate, Text};
+use m4gn_base::Result;
+use m4gn_parallel::Comm;
+use m4gn_state::{Array, Layout, Values};
+use std::cell::Cell;
+use std::rc::Rc;
+use std::sync::Arc;
+
+const CELLS: usize = 12;
+const DELTA_T: f64 = 0.05;
+
+/// Waves of constant size; from `broken` on of another frequency, or at rest where it is negative. Noise where it is not a number.
+fn solver(time: f64, broken: f64) -> Vec<f64> {
+    if broken < 0.0 {
+        return solver(time.min(-broken), 1e9);
+    }
+    if broken.is_nan() {
+        let noise = |i: usize| 43758.5453 * (12.9898 * (time / DELTA_T).round() + 78.233 * i as f64).sin();
+        return (0..CELLS).map(|i| noise(i).rem_euclid(1.0)).collect();
+    }
+    let late = (time - broken).max(0.0);
+    let x = |i: usize| i as f64 * 0.5;
+    (0..CELLS)
+        .map(|i| 3.0 + (x(i) + 1.9 * time + 2.0 * late).sin() + 0.3 * (2.0 * x(i) - 3.1 * time).cos())
+        .collect()
+}
+
+/// A flux: differences of the field.
+fn flux(u: &[f64]) -> Vec<f64> {
+    (0..CELLS).map(|i| u[i] - u[(i + 1) % CELLS]).collect()
+}
+
+struct Host {
+    ride: Ride<'static>,
+    time: f64,
+    index: i64,
+    end: f64,
+    u: Vec<f64>,
+    phi: Vec<f64>,
+    /// Strides of each jump, and the time at which it ended.
+    jumps: Vec<(usize, f64)>,
+    /// Who jumped.
+    by: Vec<usize>,
+    solved: usize,
+    log: String,
+    /// Of strides, and of an observer's errors.
+    tables: [String; 2],
+    clock: Rc<Cell<f64>>,
+}
+
+/// A network's place: the solver a stride later, but for a hundredth.
+struct Trained {
+    description: Description,
+    clock: Rc<Cell<f64>>,
+}
+
+fn trained(clock: &Rc<Cell<f64>>, array: usize) -> Box<dyn Surrogate> {
+    let description = Description {
+        name: "network".into(),
+        source: "trained".into(),
+        digest: "trained".into(),
+        stride: 0.2,
+        advances: vec![array],
+        growth: vec![Growth::Factors(vec![1.0; 8])],
+        ..Description::default()
+    };
+    Box::new(Trained { description, clock: clock.clone() })
+}
+
+impl Surrogate for Trained {
+    fn describe(&self) -> &Description {
+        &self.description
+    }
+
+    fn predict(&mut self, _: Start, next: &mut Values) -> Result<()> {
+        next[0] = solver(self.clock.get() + 0.2, 1e9).iter().map(|v| v + 0.01).collect();
+        Ok(())
+    }
+}
+
+fn step(time: f64, index: i64, end: f64) -> Step {
+    Step {
+        time,
+        delta_t: DELTA_T,
+        end_time: end,
+        index,
+        name: format!("{time:.3}"),
+        shown: time,
+        correctors: None,
+    }
+}
+
+fn layout() -> Arc<Layout> {
+    let arrays = vec![Array::solved("u", 1, vec![1.0; CELLS]), Array::carried("phi", CELLS)];
+    Arc::new(Layout::new(arrays).unwrap())
+}
+
+impl Host {
+    fn new(settings: &str, start: f64, index: i64, end: f64, u: Vec<f64>) -> Self {
+        let settings = RideSettings::parse(settings).unwrap();
+        let begin = step(start, index, end);
+        let clock = Rc::new(Cell::new(start));
+        let guest = Guest {
+            layout: layout(),
+            network: settings.has("network").then(|| trained(&clock, 0)),
+            ahead: None,
+            global: (0..CELLS as i64).collect(),
+            owners: Vec::new(),
+        };
+        let ride = Ride::new(Comm::serial(), guest, settings, begin).unwrap();
+        let phi = flux(&u);
+        let (jumps, log, tables) = (Vec::new(), String::new(), Default::default());
+        Host { ride, time: start, index, end, u, phi, jumps, by: Vec::new(), solved: 0, log, tables, clock }
+    }
+
+    fn now(&self) -> Step {
+        step(self.time, self.index, self.end)
+    }
+
+    /// A call that is given the present state.
+    fn with<T>(&mut self, call: impl FnOnce(&mut Ride<'static>, &[&[f64]]) -> T) -> T {
+        self.clock.set(self.time);
+        call(&mut self.ride, &[&self.u, &self.phi])
+    }
+
+    /// Until the end, or until `stop` says so behind a step or a stride.
+    fn run(&mut self, broken: f64, stop: impl Fn(&Self) -> bool) {
+        while self.time < self.end - 0.5 * DELTA_T {
+            self.index += 1;
+            self.time += DELTA_T;
+            // The solver goes on from where it is: its waves have no memory but the time.
+            self.u = solver(self.time, broken);
+            self.phi = flux(&self.u);
+            self.solved += 1;
+            let now = self.now();
+            let wanted = self.ride.wants(&now);
+            let answer = self.with(|ride, state| ride.solved(now, wanted.then_some(state))).unwrap();
+            self.listen();
+            if stop(self) || self.go_on(&answer, &stop) {
+                return;
+            }
+        }
+    }
+
+    /// Jumps where that is asked for. Whether it was stopped.
+    fn go_on(&mut self, answer: &Answer, stop: &impl Fn(&Self) -> bool) -> bool {
+        answer.action == Action::Stride && self.jump(stop)
+    }
+
+    fn listen(&mut self) {
+        self.log += &self.ride.take(Text::Log);
+        self.tables[0] += &self.ride.take(Text::Strides);
+        self.tables[1] += &self.ride.take(Text::Errors);
+    }
+
+    /// Whether it was stopped.
+    fn jump(&mut self, stop: &impl Fn(&Self) -> bool) -> bool {
+        let (mut strides, mut who) = (0, 0);
+        loop {
+            self.clock.set(self.time);
+            let (mut u, mut phi) = (self.u.clone(), self.phi.clone());
+            let answer = self.ride.stride(&mut [&mut u, &mut phi]).unwrap();
+            if answer.action == Action::HandBack {
+                break;
+            }
+            assert_eq!(answer.action, Action::Advance);
+            who = answer.surrogate;
+            assert!(answer.whole || phi == self.phi, "a network makes what it advances");
+            (self.u, self.phi) = (u, phi);
+            (self.time, self.index) = (self.time + answer.duration, self.index + answer.solver_steps);
+            strides += 1;
+            let now = self.now();
+            let answer = self.with(|ride, state| ride.advanced(now, answer.state.then_some(state))).unwrap();
+            if stop(self) {
+                return true;
+            }
+            if answer.action == Action::HandBack {
+                break;
+            }
+        }
+        self.jumps.push((strides, self.time));
+        self.by.push(who);
+        let now = self.now();
+        self.with(|ride, state| ride.handed_back(now, Some(state), &[])).unwrap();
+        self.listen();
+        false
+    }
+}
+
+const SETTINGS: &str = r#"{"mode": "replace", "surrogates": ["dmd"], "dmd": {"snapshotInterval": 0.2, "minSnapshots": 24, "initialJump": 5, "jumpGrowth": 2, "maxJump": 40}}"#;
+
+fn largest(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+#[test]
+fn jumps_grow_while_the_fit_holds_and_end_states_are_exact() {
+    let mut host = Host::new(SETTINGS, 0.0, 0, 60.0, solver(0.0, 1e9));
+    host.run(1e9, |_| false);
+    let strides: Vec<usize> = host.jumps.iter().map(|j| j.0).collect();
+    assert_eq!(strides[..4], [5, 10, 20, 40], "{}", host.log);
+    // 24 states, the first at 0.2 s; one stride beside the solver.
+    let (first, end) = host.jumps[0];
+    assert!((end - first as f64 * 0.2 - (0.2 + 24.0 * 0.2)).abs() < 1e-9, "{end}");
+    assert!(host.solved < 220, "{}", host.solved);
+    assert!(largest(&host.u, &solver(host.time, 1e9)) < 1e-5);
+    for words in ["keeps up to 40 states 0.2 s apart: ", "it is used", "the next jump may have 20 strides"] {
+        assert!(host.log.contains(words), "{words}: {}", host.log);
+    }
+}
+
+#[test]
+fn what_is_handed_out_is_one_combination_for_all_arrays() {
+    let mut host = Host::new(SETTINGS, 0.0, 0, 20.0, solver(0.0, 1e9));
+    host.run(1e9, |h| h.jumps.len() == 1);
+    assert!(largest(&host.phi, &flux(&host.u)) < 1e-13);
+}
+
+#[test]
+fn an_old_level_is_a_state_on_the_way() {
+    let mut host = Host::new(SETTINGS, 0.0, 0, 20.0, solver(0.0, 1e9));
+    // Behind the third stride of the first jump.
+    host.run(1e9, |h| h.time > 5.55);
+    let (mut u, mut phi) = (vec![0.0; CELLS], vec![0.0; CELLS]);
+    host.ride.old_level(DELTA_T, &mut [&mut u, &mut phi]).unwrap();
+    let (own, before) = (solver(host.time, 1e9), solver(host.time - DELTA_T, 1e9));
+    assert!(largest(&u, &before) < 1e-5 && largest(&own, &before) > 1e-3, "{u:?}");
+    assert!(largest(&phi, &flux(&u)) < 1e-13);
+}
+
+#[test]
+fn a_fit_that_no_longer_holds_is_dropped_and_another_is_made() {
+    let mut host = Host::new(SETTINGS, 0.0, 0, 60.0, solver(0.0, 7.0));
+    host.run(7.0, |_| false);
+    assert!(host.log.contains("the fit is dropped"), "{}", host.log);
+    assert!(host.jumps.len() > 3, "{:?}", host.jumps);
+    let (_, dropped) = host.jumps[1];
+    let again = host.jumps.iter().find(|j| j.1 > dropped + 24.0 * 0.2 && j.0 == 5);
+    assert!(again.is_some(), "{:?}\n{}", host.jumps, host.log);
+}
+
+#[test]
+fn a_fit_that_agrees_to_the_tolerance_alone_has_shorter_jumps() {
+    let settings = SETTINGS.replace("\"initialJump\"", "\"jumpTolerance\": 10, \"initialJump\"");
+    let mut host = Host::new(&settings, 0.0, 0, 8.5, solver(0.0, 6.5));
+    host.run(6.5, |_| false);
+    assert!(
+        host.log.contains("off by 1.083 of what holding would be; the next jump may have 5 strides"),
+        "{}",
+        host.log
+    );
+    assert!(!host.log.contains("the fit is dropped"), "{}", host.log);
+}
+
+const BOTH: &str = r#"{"mode": "replace", "surrogates": ["network", "dmd"], "timeStart": 6,
+    "dmd": {"snapshotInterval": 0.2, "minSnapshots": 24, "initialJump": 5, "jumpGrowth": 2, "maxJump": 40}}"#;
+
+#[test]
+fn a_fit_that_holds_goes_before_a_network() {
+    let mut host = Host::new(BOTH, 0.0, 0, 40.0, solver(0.0, 1e9));
+    host.run(1e9, |_| false);
+    assert!(!host.by.is_empty() && host.by.iter().all(|who| *who == 1), "{:?}\n{}", host.by, host.log);
+    assert!(host.log.contains(": the dmd surrogate jumps"), "{}", host.log);
+    assert!(largest(&host.u, &solver(host.time, 1e9)) < 1e-5);
+    let summary = host.ride.end();
+    assert!(summary.contains("\"jumps_network\": 0,"), "{summary}");
+}
+
+#[test]
+fn a_network_jumps_before_there_is_a_fit_and_leaves_the_solver_time_for_one() {
+    let settings = BOTH.replace("\"timeStart\": 6", "\"timeStart\": 0.5");
+    let mut host = Host::new(&settings, 0.0, 0, 60.0, solver(0.0, 1e9));
+    host.run(1e9, |_| false);
+    let first =
+        host.by.iter().position(|who| *who == 1).unwrap_or_else(|| panic!("{:?}\n{}", host.by, host.log));
+    assert!(first > 2 && host.by[..first].iter().all(|who| *who == 0), "{:?}", host.by);
+    // Forty strides are the network's; then 24 states of the solver.
+    let [before, after] = [host.jumps[first - 1].1, host.jumps[first].1 - 0.2 * host.jumps[first].0 as f64];
+    assert!(before >= 8.0 && after - before >= 23.0 * 0.2, "{:?}", host.jumps);
+    assert!(host.by[first..].iter().all(|who| *who == 1), "{:?}", host.by);
+}
+
+/// Where no fit holds, the network goes on: the solver has a window of its own after each forty strides.
+#[test]
+fn a_network_goes_on_where_no_fit_holds() {
+    let mut host = Host::new(BOTH, 0.0, 0, 60.0, solver(0.0, 1e9));
+    host.run(f64::NAN, |host| host.time > 12.0);
+    assert!(host.jumps.is_empty() && host.log.matches("the solver goes on\n").count() > 3, "{}", host.log);
+    host.run(1e9, |_| false);
+    let first = host.by.iter().position(|who| *who == 1).unwrap_or_else(|| panic!("{}", host.log));
+    let strides: usize = host.jumps[..first].iter().map(|jump| jump.0).sum();
+    assert!((40..=48).contains(&strides), "{:?}", host.jumps);
+}
+
+#[test]
+fn surrogates_without_a_field_in_common_are_refused() {
+    let settings = RideSettings::parse(BOTH).unwrap();
+    let arrays = vec![Array::solved("T", 1, vec![1.0; CELLS]), Array::carried("u", CELLS)];
+    let guest = Guest {
+        layout: Arc::new(Layout::new(arrays).unwrap()),
+        network: Some(trained(&Rc::default(), 1)),
+        ahead: None,
+        global: (0..CELLS as i64).collect(),
+        owners: Vec::new(),
+    };
+    let made = Ride::new(Comm::serial(), guest, settings, step(0.0, 0, 9.0));
+    let said = made.err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(said.contains("network advances u, dmd advances T"), "{said}");
+}
+
+#[test]
+fn an_observer_compares_rollouts_of_the_fit_and_leaves_the_run_alone() {
+    let settings = r#"{"mode": "observe", "surrogates": ["network", "dmd"], "rolloutSteps": 60,
+        "dmd": {"snapshotInterval": 0.2, "minSnapshots": 24}}"#;
+    let mut host = Host::new(settings, 0.0, 0, 30.0, solver(0.0, 20.0));
+    host.run(20.0, |_| false);
+    assert_eq!((host.jumps.len(), host.solved), (0, 600));
+    let rows = host.tables[1].lines().filter(|l| !l.starts_with('#'));
+    let rows: Vec<Vec<String>> = rows.map(|l| l.split('\t').map(String::from).collect()).collect();
+    let number = |text: &String| text.parse::<f64>().unwrap();
+    let of = |name: &'static str| rows.iter().filter(move |r| r[1] == name);
+    // Time, name, steps, oneStep, hold, rollout: after the first fit a rollout of sixty strides, from states that are long gone at its end,
+    // until the waves change.
+    let linear: Vec<_> = of("dmd").collect();
+    assert!((number(&linear[0][0]) - 5.0).abs() < 1e-9, "{:?}", linear[0]);
+    let steps: Vec<f64> = linear.iter().map(|r| number(&r[2])).collect();
+    assert_eq!(steps[..60], (1..=60).map(f64::from).collect::<Vec<_>>()[..]);
+    assert!(linear[..60].iter().all(|r| number(&r[5]) < 1e-3 && number(&r[4]) > 0.0), "{:?}", linear[59]);
+    // What the fit does not know is told, though it was dropped: the rollout that met it goes on.
+    let late = linear.iter().filter(|r| number(&r[0]) > 22.0);
+    assert!(late.clone().any(|r| number(&r[5]) > 0.5), "{:?}", linear.last());
+    assert!(of("network").all(|r| (number(&r[3]) - 0.01).abs() < 1e-6 || number(&r[0]) > 20.0));
+    host.ride.end();
+    host.listen();
+    assert!(host.log.contains("mean rms errors of the dmd surrogate"), "{}", host.log);
+}
+
+#[test]
+fn noise_is_never_jumped() {
+    let mut host = Host::new(SETTINGS, 0.0, 0, 30.0, solver(0.0, f64::NAN));
+    host.run(f64::NAN, |_| false);
+    assert_eq!((host.jumps.len(), host.solved), (0, 600));
+    host.log += &host.ride.take(Text::Log);
+    assert!(host.log.contains("the solver goes on"), "{}", host.log);
+}
+
+#[test]
+fn a_run_that_is_carried_on_in_a_jump_and_beside_the_solver_has_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("states");
+    let settings = SETTINGS.replace("\"initialJump\"", &format!("\"file\": {:?}, \"initialJump\"", file));
+    // In the second jump, between two samples of the solver, and where the last states are all the same.
+    for (broken, at) in [(1e9, 7.65), (1e9, 9.05), (1e9, 4.9), (-4.0, 6.9)] {
+        let mut whole = Host::new(&settings, 0.0, 0, 25.0, solver(0.0, broken));
+        whole.run(broken, |_| false);
+        let path = folder.path().join("ride.state");
+        let mut first = Host::new(&settings, 0.0, 0, 25.0, solver(0.0, broken));
+        first.run(broken, |h| h.time > at - 1e-9);
+        first.ride.save(&path).unwrap();
+        let mut second = Host::new(&settings, first.time, first.index, 25.0, first.u.clone());
+        let now = second.now();
+        let answer = second.with(|ride, state| ride.load(&path, now, state)).unwrap();
+        let stopped = second.go_on(&answer, &|_| false);
+        assert!(!stopped);
+        second.run(broken, |_| false);
+        let bits = |h: &Host| h.u.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&whole), bits(&second), "{at}: {:?} {:?}", whole.jumps, second.jumps);
+        assert_eq!(whole.jumps.last(), second.jumps.last());
+    }
+}
+
+#[test]
+fn settings_that_cannot_be_are_named() {
+    for (dmd, words) in [
+        (r#"{"snapshotInterval": 0}"#, "snapshotInterval"),
+        (r#"{"jumpTolerance": -1}"#, "jumpTolerance"),
+        (r#"{"jumpGrowth": 0.5}"#, "jumpGrowth"),
+        (r#"{"maxJump": 3}"#, "maxJump"),
+        (r#"{"maxJump": 2147483647}"#, "maxJump"),
+        (r#"{"holdOut": 18446744073709551615}"#, "minSnapshots"),
+        (r#"{"minSnapshots": 3}"#, "minSnapshots"),
+        (r#"{"windo": 3}"#, "window"),
+    ] {
+        let text = format!(r#"{{"mode": "replace", "surrogates": ["dmd"], "dmd": {dmd}}}"#);
+        let error = RideSettings::parse(&text).unwrap_err().to_string();
+        assert!(error.contains(words), "{dmd}: {error}");
+    }
+    let small = r#"{"mode": "replace", "surrogates": ["dmd"], "dmd": {"window": 24}}"#;
+    RideSettings::parse(small).expect("a smaller window needs no other entry");
+    for (text, words) in [
+        (r#"{"mode": "replace", "surrogates": ["dmd", "dmd"]}"#, "each once"),
+        (r#"{"mode": "replace", "solverSteps": 1, "surrogateSteps": 1, "dmd": {}}"#, "does not name it"),
+        (r#"{"mode": "replace", "surrogates": ["quadratic"]}"#, "dmd"),
+    ] {
+        let error = RideSettings::parse(text).unwrap_err().to_string();
+        assert!(error.contains(words), "{text}: {error}");
+    }
+}

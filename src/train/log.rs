@@ -1,0 +1,306 @@
+//! The CSV log of a training: one row an interval, validation columns empty where there was none. It is the history of a
+//! training over all resumptions.
+
+use m4gn_base::{Error, Result, files};
+use m4gn_learn::BestOf;
+use m4gn_report::{number, percent};
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Errors of a validation and of holding the first frame, in the units of a predicted field.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Validation {
+    /// After one step: model, persistence.
+    pub rmse_1: [f64; 2],
+    /// Over rollouts of the validation horizon.
+    pub rmse_horizon: [f64; 2],
+    /// Over whole trajectories.
+    pub rmse_all: [f64; 2],
+}
+
+impl Validation {
+    /// Whether all rollouts stayed finite.
+    pub fn is_finite(&self) -> bool {
+        let all = [self.rmse_1, self.rmse_horizon, self.rmse_all];
+        all.as_flattened().iter().all(|v| v.is_finite())
+    }
+
+    /// Of what a row of the log has: the model's three errors, then those of persistence.
+    fn of_row(cells: &[&str; 6]) -> Option<Validation> {
+        let v: Vec<f64> = cells.iter().map_while(|v| v.parse().ok()).collect();
+        let v: [f64; 6] = v.try_into().ok()?;
+        Some(Validation { rmse_1: [v[0], v[3]], rmse_horizon: [v[1], v[4]], rmse_all: [v[2], v[5]] })
+    }
+
+    /// As [`Validation::of_row`] reads it.
+    fn to_row(self) -> [String; 6] {
+        let pairs = [self.rmse_1, self.rmse_horizon, self.rmse_all];
+        std::array::from_fn(|i| format!("{:.6e}", pairs[i % 3][i / 3]))
+    }
+
+    /// The three errors by name: model, persistence.
+    fn named(&self) -> [(&'static str, [f64; 2]); 3] {
+        [("RMSE-1", self.rmse_1), ("RMSE-50", self.rmse_horizon), ("RMSE-all", self.rmse_all)]
+    }
+
+    /// The errors, each with its percentage of persistence: `RMSE-1 0.001234 (12.3 % of persistence), ...`.
+    pub fn relative(&self) -> String {
+        let parts = self.named().map(|(name, [model, held])| {
+            let of = if name == "RMSE-1" { " of persistence" } else { "" };
+            format!("{name} {} ({}{of})", number(model, 4), percent(Some(model / held)))
+        });
+        parts.join(", ")
+    }
+
+    /// The errors, each with that of persistence: `RMSE-1 0.001234 (0.01002 persistence), ...`.
+    pub fn absolute(&self) -> String {
+        let parts = self.named().map(|(name, [model, held])| {
+            let whose = if name == "RMSE-1" { " persistence" } else { "" };
+            format!("{name} {} ({}{whose})", number(model, 4), number(held, 4))
+        });
+        parts.join(", ")
+    }
+
+    /// What is compared to find the best weights: the geometric mean of two of the errors relative to persistence. With
+    /// [`BestOf::Last`] the same as with [`BestOf::Rollouts`], and for advice alone.
+    /// Infinite where a rollout left the finite numbers.
+    pub fn score(&self, best_of: BestOf) -> f64 {
+        let ratio = |[model, held]: [f64; 2]| {
+            if model.is_finite() { model / held.max(1e-30) } else { f64::INFINITY }
+        };
+        let other = match best_of {
+            BestOf::Rollouts | BestOf::Last => self.rmse_all,
+            BestOf::Strides => self.rmse_1,
+        };
+        (ratio(self.rmse_horizon) * ratio(other)).sqrt()
+    }
+
+    /// Whether weights with these errors take the place of earlier ones.
+    pub fn replaces(&self, earlier: Option<&Validation>, best_of: BestOf) -> bool {
+        let better = |earlier: &Validation| self.score(best_of) < earlier.score(best_of);
+        self.is_finite() && (best_of == BestOf::Last || earlier.is_none_or(better))
+    }
+}
+
+/// Columns of a field's validation.
+const ERRORS: [&str; 6] =
+    ["rmse_1", "rmse_50", "rmse_all", "persistence_1", "persistence_50", "persistence_all"];
+
+/// One row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// Steps made.
+    pub step: u64,
+    /// Graphs seen times unrolled steps.
+    pub samples: u64,
+    /// Seconds of training, over all resumptions.
+    pub seconds: f64,
+    /// Learning rate.
+    pub learning_rate: f64,
+    /// Weighted loss, mean over the interval.
+    pub loss: f64,
+    /// Loss of each predicted field.
+    pub losses: Vec<f64>,
+    /// Mean norm of the gradient.
+    pub gradient: f64,
+    /// The validation at this step, of the first predicted field.
+    pub validation: Option<Validation>,
+    /// And of the others.
+    pub others: Vec<Validation>,
+}
+
+impl Row {
+    /// A line of the log, of so many predicted fields and columns; none where it is not one.
+    fn parse(line: &str, fields: usize, columns: usize) -> Option<Row> {
+        let cells: Vec<&str> = line.split(',').collect();
+        let (numbers, validations) = cells.split_at_checked(6 + fields).filter(|_| cells.len() == columns)?;
+        let number = |i: usize| numbers[i].parse::<f64>().ok();
+        let validated = !validations.iter().all(|v| v.is_empty());
+        let mut validations = match validated {
+            true => validations.as_chunks().0.iter().map(Validation::of_row).collect::<Option<Vec<_>>>()?,
+            false => Vec::new(),
+        };
+        Some(Row {
+            step: numbers[0].parse().ok()?,
+            samples: numbers[1].parse().ok()?,
+            seconds: number(2)?,
+            learning_rate: number(3)?,
+            loss: number(4)?,
+            losses: (5..5 + fields).map(number).collect::<Option<_>>()?,
+            gradient: number(5 + fields)?,
+            others: validations.split_off(validations.len().min(1)),
+            validation: validations.pop(),
+        })
+    }
+}
+
+/// The open log file.
+pub struct Journal {
+    path: PathBuf,
+    file: File,
+    fields: usize,
+    rows: Vec<Row>,
+}
+
+impl Journal {
+    /// Starts a log, or carries one on: rows after `step` are dropped, they will be made again, and so is what is no row.
+    pub fn open(path: &Path, fields: &[String], step: u64) -> Result<Self> {
+        let fail = |e: std::io::Error| Error::file(path, format!("cannot write the training log: {e}"));
+        let named = |kind: &'static str| fields.iter().map(move |f| format!("{kind}_{f}"));
+        // The columns of the first field came before there were those of the others.
+        let of_field = |i: usize| {
+            let field = if i == 0 { String::new() } else { format!("_{}", fields[i]) };
+            ERRORS.map(|name| format!("{name}{field}"))
+        };
+        let names: Vec<String> = ["step", "samples", "seconds", "learning_rate", "loss"]
+            .map(String::from)
+            .into_iter()
+            .chain(named("loss"))
+            .chain(["gradient_norm".into()])
+            .chain((0..fields.len()).flat_map(of_field))
+            .collect();
+        let mut text = names.join(",") + "\n";
+        let old = if step > 0 { files::read_text(path).unwrap_or_default() } else { String::new() };
+        let mut lines = old.lines();
+        let columns = lines.next().map_or(0, |head| head.split(',').count());
+        let mut rows = Vec::new();
+        for line in lines {
+            if let Some(row) = Row::parse(line, fields.len(), columns).filter(|row| row.step <= step) {
+                text += &format!("{line}{}\n", ",".repeat(names.len().saturating_sub(columns)));
+                rows.push(row);
+            }
+        }
+        std::fs::write(path, text).map_err(fail)?;
+        let file = OpenOptions::new().append(true).open(path).map_err(fail)?;
+        Ok(Journal { path: path.to_path_buf(), file, fields: fields.len(), rows })
+    }
+
+    /// All rows, of the resumptions before as well.
+    pub fn rows(&self) -> &[Row] {
+        &self.rows
+    }
+
+    /// Appends a row.
+    pub fn append(&mut self, row: &Row) -> Result<()> {
+        self.rows.push(row.clone());
+        let losses: Vec<String> = row.losses.iter().map(|l| format!("{l:.6e}")).collect();
+        let mut errors: Vec<String> =
+            row.validation.iter().chain(&row.others).copied().flat_map(Validation::to_row).collect();
+        errors.resize(ERRORS.len() * self.fields, String::new());
+        let validation = errors.join(",");
+        writeln!(
+            self.file,
+            "{},{},{:.1},{:.6e},{:.6e},{},{:.4e},{validation}",
+            row.step,
+            row.samples,
+            row.seconds,
+            row.learning_rate,
+            row.loss,
+            losses.join(","),
+            row.gradient
+        )
+        .map_err(|e| Error::file(&self.path, format!("cannot write the training log: {e}")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(step: u64, validation: Option<Validation>) -> Row {
+        Row {
+            step,
+            samples: 2 * step,
+            seconds: 1.5,
+            learning_rate: 1e-3,
+            loss: 0.25,
+            losses: vec![0.125, 0.0625],
+            gradient: 1.0,
+            others: validation.into_iter().collect(),
+            validation,
+        }
+    }
+
+    /// Displacements of micrometres.
+    #[test]
+    fn small_errors_keep_their_digits() {
+        let v = Validation {
+            rmse_1: [1.25e-6, 2.5e-6],
+            rmse_horizon: [0.00125, 0.0125],
+            rmse_all: [f64::INFINITY, 12345.0],
+        };
+        assert_eq!(
+            v.relative(),
+            "RMSE-1 1.250e-6 (50.0 % of persistence), RMSE-50 0.001250 (10.0 %), RMSE-all - (-)"
+        );
+        assert_eq!(
+            v.absolute(),
+            "RMSE-1 1.250e-6 (2.500e-6 persistence), RMSE-50 0.001250 (0.01250), RMSE-all - (12345)"
+        );
+    }
+
+    #[test]
+    fn rows_after_the_checkpoint_are_dropped() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("log.csv");
+        let fields = ["U".into(), "p".into()];
+        let mut journal = Journal::open(&path, &fields, 0).unwrap();
+        (1..=3).for_each(|s| journal.append(&row(s, None)).unwrap());
+        let text = std::fs::read_to_string(&path).unwrap();
+        let columns: Vec<usize> = text.lines().map(|l| l.split(',').count()).collect();
+        assert_eq!(columns, [20; 4]);
+        drop(Journal::open(&path, &fields, 2).unwrap());
+        assert_eq!(std::fs::read_to_string(&path).unwrap().lines().count(), 3);
+    }
+
+    #[test]
+    fn the_best_weights_are_those_of_the_rollouts_or_of_the_strides() {
+        let validation = |rmse_1, rmse_all| Validation {
+            rmse_1: [rmse_1, 1.0],
+            rmse_horizon: [0.5, 2.0],
+            rmse_all: [rmse_all, 1.0],
+        };
+        let (rollouts, strides) = (validation(0.16, 0.36), validation(0.04, 1.0));
+        // sqrt(0.25 * 0.36) and sqrt(0.25 * 0.04)
+        assert!((rollouts.score(BestOf::Rollouts) - 0.3).abs() < 1e-12);
+        assert!((strides.score(BestOf::Strides) - 0.1).abs() < 1e-12);
+        assert!(rollouts.score(BestOf::Rollouts) < strides.score(BestOf::Rollouts));
+        assert!(strides.score(BestOf::Strides) < rollouts.score(BestOf::Strides));
+        assert!(rollouts.replaces(Some(&strides), BestOf::Rollouts));
+        assert!(!rollouts.replaces(Some(&strides), BestOf::Strides));
+        // The last ones, whatever they are, unless they are none
+        assert!(
+            rollouts.replaces(Some(&strides), BestOf::Last)
+                && strides.replaces(Some(&rollouts), BestOf::Last)
+        );
+        let diverged = Validation { rmse_1: [f64::NAN, 1.0], ..rollouts };
+        assert!(!diverged.replaces(Some(&strides), BestOf::Last) && !diverged.replaces(None, BestOf::Last));
+    }
+
+    #[test]
+    fn a_log_reads_back_and_what_is_no_row_is_left_out() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("log.csv");
+        let fields = ["U".into(), "p".into()];
+        let validation =
+            Validation { rmse_1: [0.5, 1.0], rmse_horizon: [f64::INFINITY, 2.0], rmse_all: [0.75, 4.0] };
+        let rows = [row(1, None), row(2, Some(validation)), row(4, None)];
+        let mut journal = Journal::open(&path, &fields, 0).unwrap();
+        rows.iter().for_each(|row| journal.append(row).unwrap());
+        let text = std::fs::read_to_string(&path).unwrap();
+        // The last row is cut off in its middle, as by a full disk.
+        std::fs::write(&path, &text[..text.len() - 10]).unwrap();
+        assert_eq!(Journal::open(&path, &fields, 9).unwrap().rows(), &rows[..2]);
+        let left = std::fs::read_to_string(&path).unwrap();
+        assert!(left.ends_with('\n') && left.lines().count() == 3, "{left}");
+        // A log from before there were columns of all fields.
+        let first: Vec<String> =
+            left.lines().map(|l| l.split(',').take(14).collect::<Vec<_>>().join(",")).collect();
+        std::fs::write(&path, first.join("\n")).unwrap();
+        let old = Journal::open(&path, &fields, 9).unwrap();
+        assert_eq!(old.rows()[1], Row { others: Vec::new(), ..rows[1].clone() });
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.lines().all(|l| l.split(',').count() == 20), "{text}");
+    }
+}

@@ -1,0 +1,21 @@
+# shellcheck shell=bash
+# Rows of the README's table of results, by their own command on one draw. Sourced.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/../e2e/common.sh"
+
+# hybrid OPTIONS...: 'm4gn hybrid' of one draw, without cheaper plain solvers
+hybrid() { runs m4gn hybrid --count 1 --baseline none --out hybrid --json hybrid.json "$@"; }
+
+# claim VARIANT FIGURE BOUND REPLACED: the figure of the variant's run, at most BOUND, while at least this share of its time was replaced
+claim() {
+    local figure replaced
+    read -r figure replaced < <(python3 - "$1" "$2" <<'PYTHON'
+import json, sys
+variant, figure = sys.argv[1:]
+found = json.load(open("hybrid.json"))
+print(found["summary"][0]["runs"][variant][figure]["median"], found["cases"][0]["runs"][variant]["score"]["replaced"])
+PYTHON
+    )
+    below "$figure" "$3" "$1, $replaced of the time replaced: $2"
+    awk "BEGIN { exit !($replaced >= $4) }" || fail "$1: $replaced of the time was replaced, expected at least $4"
+}
