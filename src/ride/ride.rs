@@ -123,7 +123,7 @@ impl<'a> Ride<'a> {
     ///
     /// # Errors
     /// [`Error::Input`] for settings that do not fit the surrogates.
-    pub fn new(comm: Comm, host: Host<'a>, settings: RideSettings, start: Step) -> Result<Self> {
+    pub fn new(comm: Comm, host: Host<'a>, mut settings: RideSettings, start: Step) -> Result<Self> {
         let digits = Digits(settings.write_precision);
         let Host { layout, mut network, ahead, global, owners } = host;
         comm.agree_with(Ok(()), &layout.shared())?;
@@ -149,7 +149,6 @@ impl<'a> Ride<'a> {
                 surrogates.len()
             )));
         }
-        let mut settings = settings;
         watch_alike(&surrogates, &layout, &mut settings)?;
         let mut rows = [global.len() as i64];
         comm.sum_i64(&mut rows);
@@ -228,7 +227,7 @@ impl<'a> Ride<'a> {
 
     /// Whether [`solved`](Self::solved) is to be given the state after this step. Not collective.
     pub fn wants(&self, step: &Step) -> bool {
-        let on = !self.schedule.is_over(step) && self.schedule.has_begun(step);
+        let on = self.is_on(step);
         // A stride beside the solver begins or ends here, or a jump that was waited for may begin.
         let one =
             |c: &Candidate| c.can_begin(step) || c.has_arrived(step) || c.fresh && c.is_ready(step.time);
@@ -375,9 +374,9 @@ impl<'a> Ride<'a> {
         }
     }
 
-    /// Whether the surrogates have their time.
-    fn is_on(&self) -> bool {
-        !self.schedule.is_over(&self.step) && self.schedule.has_begun(&self.step)
+    /// Whether the surrogates have their time at this step.
+    fn is_on(&self, step: &Step) -> bool {
+        !self.schedule.is_over(step) && self.schedule.has_begun(step)
     }
 
     /// Whether strides beside the solver are of use.
@@ -401,7 +400,7 @@ impl<'a> Ride<'a> {
         if controlled {
             self.measure()?;
         }
-        if self.is_on() && self.settings.mode == Mode::Observe {
+        if self.is_on(&self.step) && self.settings.mode == Mode::Observe {
             self.observe()?;
         }
         let answer = self.begun()?;
@@ -413,7 +412,7 @@ impl<'a> Ride<'a> {
 
     /// A jump, where one is due. Collective.
     pub(crate) fn begun(&mut self) -> Result<Answer> {
-        if self.is_on()
+        if self.is_on(&self.step)
             && self.settings.mode == Mode::Replace
             && let Some(jump) = self.next_jump()?
         {
