@@ -210,7 +210,7 @@ fn spec(dim: usize, layers_after: usize, overlap: usize, rwse_steps: usize) -> M
     let segment_transformer =
         MacroSpec { layers: 2, heads: 3, ffn_width: 32, rwse_steps, centroids, offsets };
     let mut small = m4gn_samples::model::spec();
-    // Without units no field is a velocity, and the change at walls is not carried back by the layer's course, which rounds more.
+    // Without units p has no level: taking it off is a sum over all ranks, in another order than in serial.
     small.fields.iter_mut().for_each(|field| field.dimensions = [0; 7]);
     ModelSpec {
         dim,

@@ -46,7 +46,7 @@ fn a_step_allocates_nothing() {
         let segment_transformer =
             MacroSpec { layers: 2, heads: 4, ffn_width: 100, rwse_steps: 3, centroids: true, offsets: true };
         let mut small = m4gn_samples::model::spec();
-        // Without units, as no velocity, whose extent is noted
+        // Without units p has no level: taking it off sums over the ranks, in memory of its own.
         small.fields.iter_mut().for_each(|field| field.dimensions = [0; 7]);
         let spec = ModelSpec {
             node_types: NodeType::ALL.to_vec(),
