@@ -86,8 +86,8 @@ void Foam::functionObjects::m4gnAnderson::start()
         FatalErrorInFunction << "Function object " << name() << " of type " << type()
                              << " needs a cell-centred solid of solids4foam (linearGeometry,"
                              << " nonLinearGeometryTotalLagrangian, both also with"
-                             << " TotalDisplacement, nonLinearGeometryUpdatedLagrangian) without"
-                             << " solvePressureEqn, and libm4gnSolids4Foam.so"
+                             << " TotalDisplacement, nonLinearGeometryUpdatedLagrangian) of one"
+                             << " material without solvePressureEqn, and libm4gnSolids4Foam.so"
                              << " (setup/solids4foam.sh); found "
                              << (model.empty() ? word("no solid of solids4foam") : model) << nl
                              << "    Remove " << name() << " from functions" << exit(FatalError);

@@ -21,6 +21,9 @@ const label depth = 20;
 const label maxSweeps = 10;
 const scalar sweepTolerance = 0.01;
 
+//- Correctors whose change is this much of the first one's lead nowhere
+const scalar diverged = 1e6;
+
 //- The part of its residual that the linear solver of a corrector leaves. With
 //  the few per cent that are enough for a solver, the mixing learns noise.
 const scalar linearTolerance = 1e-3;
@@ -53,10 +56,11 @@ Foam::tmp<Foam::vectorField> Foam::m4gnSolids4FoamLaw::unknowns(const volScalarF
     for (const label patchi : tractions()) {
         fvPatchVectorField& patch = boundary[patchi];
         const auto* condition = loaded(patch);
+        const tmp<vectorField> gradients(freeGradient(patch));
 
         forAll(patch, facei) {
             const scalar distance = 1 / patch.patch().deltaCoeffs()[facei];
-            all.append(distance * traction(patch).gradient()[facei]);
+            all.append(distance * gradients()[facei]);
             all.append(
                 condition ? distance / impK.boundaryField()[patchi][facei] * condition->traction()[facei]
                           : vector::zero);
@@ -82,7 +86,7 @@ bool Foam::m4gnSolids4FoamLaw::take(
 
         forAll(patch, facei) {
             const scalar coeff = patch.patch().deltaCoeffs()[facei];
-            traction(patch).gradient()[facei] = coeff * unknowns[i++];
+            gradient(patch)[facei] = coeff * unknowns[i++];
             if (condition) {
                 condition->traction()[facei] = coeff * impK.boundaryField()[patchi][facei] * unknowns[i];
             }
@@ -157,6 +161,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
     label nCorrectors = 0;
     bool converged = false;
     bool valid = true;
+    scalar first = 0;
 
     while (valid && !converged && nCorrectors < maxCorrectors) {
         valid = take(now(), impK, sweepTolerance * largest());
@@ -176,7 +181,12 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
         const_cast<dictionary&>(m4gn::solverPerformance(mesh_)).clear();
 
         const tmp<vectorField> next(unknowns(impK));
-        converged = gMax(mag(next() - now())()) <= largest();
+        const scalar change = gMax(mag(next() - now())());
+        converged = change <= largest();
+        if (nCorrectors == 1) {
+            first = change;
+        }
+        valid = change <= diverged * max(first, largest());
         now = mixing.next(now(), next());
     }
     SolverPerformance<vector>::debug = debug;

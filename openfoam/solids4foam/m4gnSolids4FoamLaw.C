@@ -60,12 +60,15 @@ Foam::mechanicalModel& Foam::m4gnSolids4FoamLaw::mechanical()
     return const_cast<mechanicalModel&>(const_cast<const solidModel&>(*solid_).mechanical());
 }
 
+Foam::PtrList<Foam::entry> Foam::m4gnSolids4FoamLaw::laws() const
+{
+    return PtrList<entry>(mesh_.lookupObject<IOdictionary>("mechanicalProperties").lookup("mechanical"));
+}
+
 bool Foam::m4gnSolids4FoamLaw::solvesPressure() const
 {
-    const auto& properties = mesh_.lookupObject<IOdictionary>("mechanicalProperties");
-    const PtrList<entry> laws(properties.lookup("mechanical"));
-
-    for (const entry& law : laws) {
+    const PtrList<entry> all(laws());
+    for (const entry& law : all) {
         if (law.isDict() && law.dict().getOrDefault<bool>("solvePressureEqn", false)) {
             return true;
         }

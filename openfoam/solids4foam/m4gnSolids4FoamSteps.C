@@ -21,8 +21,9 @@ bool Foam::m4gnSolids4FoamLaw::steps() const
 {
     const word& model = solid_->type();
 
-    // A pressure that the law solves for is no unknown of the correctors
-    return !solvesPressure()
+    // A pressure that the law solves for is no unknown of the correctors, nor
+    // is the stress at the interface of two materials, which keeps its last
+    return !solvesPressure() && laws().size() == 1
            && (model == "linearGeometryTotalDisplacement"
                || model == "nonLinearGeometryTotalLagrangianTotalDisplacement" || model == "linearGeometry"
                || model == "nonLinearGeometryTotalLagrangian"

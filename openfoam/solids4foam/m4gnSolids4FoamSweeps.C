@@ -25,7 +25,8 @@ Foam::labelList Foam::m4gnSolids4FoamLaw::tractions() const
     const volVectorField& u = solid_->solutionD();
 
     forAll(u.boundaryField(), patchi) {
-        if (isA<fixedGradientFvPatchVectorField>(u.boundaryField()[patchi])) {
+        const fvPatchVectorField& patch = u.boundaryField()[patchi];
+        if (isA<fixedGradientFvPatchVectorField>(patch) || isA<directionMixedFvPatchVectorField>(patch)) {
             found.append(patchi);
         }
     }
@@ -33,9 +34,19 @@ Foam::labelList Foam::m4gnSolids4FoamLaw::tractions() const
     return labelList(std::move(found));
 }
 
-Foam::fixedGradientFvPatchVectorField& Foam::m4gnSolids4FoamLaw::traction(fvPatchVectorField& patch)
+Foam::vectorField& Foam::m4gnSolids4FoamLaw::gradient(fvPatchVectorField& patch)
 {
-    return refCast<fixedGradientFvPatchVectorField>(patch);
+    return isA<fixedGradientFvPatchVectorField>(patch)
+               ? refCast<fixedGradientFvPatchVectorField>(patch).gradient()
+               : refCast<directionMixedFvPatchVectorField>(patch).refGrad();
+}
+
+Foam::tmp<Foam::vectorField> Foam::m4gnSolids4FoamLaw::freeGradient(fvPatchVectorField& patch)
+{
+    if (isA<fixedGradientFvPatchVectorField>(patch)) {
+        return gradient(patch);
+    }
+    return transform(I - refCast<directionMixedFvPatchVectorField>(patch).valueFraction(), gradient(patch));
 }
 
 void Foam::m4gnSolids4FoamLaw::presentGradients()
@@ -44,7 +55,11 @@ void Foam::m4gnSolids4FoamLaw::presentGradients()
 
     for (const label patchi : tractions()) {
         fvPatchVectorField& patch = boundary[patchi];
-        traction(patch).gradient() = patch.patch().deltaCoeffs() * (patch - patch.patchInternalField());
+        if (isA<directionMixedFvPatchVectorField>(patch)) {
+            // Of this time: the values that it fixes
+            patch.updateCoeffs();
+        }
+        gradient(patch) = patch.patch().deltaCoeffs() * (patch - patch.patchInternalField());
     }
 }
 
@@ -73,7 +88,7 @@ bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
     const auto gather = [&](vectorField& gradients) {
         label facei = 0;
         for (const label patchi : patches) {
-            for (const vector& g : traction(boundary[patchi]).gradient()) {
+            for (const vector& g : freeGradient(boundary[patchi])()) {
                 gradients[facei++] = g;
             }
         }
@@ -81,7 +96,7 @@ bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
     const auto scatter = [&](const vectorField& gradients) {
         label facei = 0;
         for (const label patchi : patches) {
-            for (vector& g : traction(boundary[patchi]).gradient()) {
+            for (vector& g : gradient(boundary[patchi])) {
                 g = gradients[facei++];
             }
         }
@@ -113,12 +128,11 @@ bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
         }
 
         for (const label patchi : patches) {
-            const vectorField last(traction(boundary[patchi]).gradient());
-            boundary[patchi].updateCoeffs();
+            fvPatchVectorField& patch = boundary[patchi];
+            const vectorField last(freeGradient(patch));
+            patch.updateCoeffs();
             if (last.size()) {
-                change =
-                    max(change, max(mag(traction(boundary[patchi]).gradient() - last)
-                                    / boundary[patchi].patch().deltaCoeffs()));
+                change = max(change, max(mag(freeGradient(patch) - last) / patch.patch().deltaCoeffs()));
             }
         }
         reduce(change, maxOp<scalar>());
