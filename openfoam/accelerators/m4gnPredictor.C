@@ -6,6 +6,7 @@
 #include "m4gnExtrapolate.H"
 #include "m4gnActiveSurrogate.H"
 #include "m4gnCaseChecks.H"
+#include "m4gnVersion.H"
 
 namespace Foam
 {
@@ -23,6 +24,29 @@ namespace
 const Foam::scalar converged = 1e-5;
 }
 
+const Foam::dictionary& Foam::functionObjects::m4gnPredictor::controls() const
+{
+    return mesh_.solutionDict().subDict("stressAnalysis");
+}
+
+void Foam::functionObjects::m4gnPredictor::checkConverged()
+{
+    List<SolverPerformance<vector>> solves;
+    m4gn::solverPerformance(mesh_).readIfPresent(DName_, solves);
+    const scalar tolerance = controls().getOrDefault<scalar>("D", 0);
+    const label most = controls().getOrDefault<label>("nCorrectors", 1);
+    if (solves.size() < most || cmptMax(solves.last().initialResidual()) <= tolerance) {
+        return;
+    }
+    if (!nUnconverged_++) {
+        WarningInFunction << "The time step to " << time_.timeName() << " s ended at nCorrectors " << most
+                          << " with a residual of " << cmptMax(solves.last().initialResidual())
+                          << "; expected less than entry D of stressAnalysis, " << tolerance << nl
+                          << "    A guess changes the result of such a time step. Raise nCorrectors, or"
+                          << " remove " << name() << endl;
+    }
+}
+
 void Foam::functionObjects::m4gnPredictor::checkRun() const
 {
     m4gn::checkSolver(*this);
@@ -33,8 +57,7 @@ void Foam::functionObjects::m4gnPredictor::checkRun() const
                              << " E, nu and rho (solidDisplacementFoam)" << exit(FatalError);
     }
 
-    const label nCorrectors =
-        mesh_.solutionDict().subDict("stressAnalysis").getOrDefault<label>("nCorrectors", 1);
+    const label nCorrectors = controls().getOrDefault<label>("nCorrectors", 1);
     if (nCorrectors < 2) {
         FatalErrorInFunction << "Entry nCorrectors of stressAnalysis in fvSolution is " << nCorrectors
                              << ": time steps are not iterated to the tolerance,"
@@ -88,7 +111,7 @@ Foam::tmp<Foam::vectorField> Foam::functionObjects::m4gnPredictor::guess() const
 Foam::functionObjects::m4gnPredictor::m4gnPredictor(
     const word& name, const Time& runTime, const dictionary& dict)
     : fvMeshFunctionObject(name, runTime, dict), DName_("D"), quadratic_(false), timeIndex_(-1), deltaT_(0),
-      deltaTOld_(0), nStates_(0)
+      deltaTOld_(0), nStates_(0), nUnconverged_(0)
 {
     read(dict);
 }
@@ -120,6 +143,8 @@ bool Foam::functionObjects::m4gnPredictor::execute()
         stress_.reset(new m4gnExplicitStress(mesh_));
     }
 
+    checkConverged();
+
     volVectorField& D = lookupObjectRef<volVectorField>(DName_);
 
     remember(D.primitiveField());
@@ -144,3 +169,13 @@ bool Foam::functionObjects::m4gnPredictor::execute()
 }
 
 bool Foam::functionObjects::m4gnPredictor::write() { return true; }
+
+bool Foam::functionObjects::m4gnPredictor::end()
+{
+    if (nUnconverged_) {
+        Info << "m4gn: " << nUnconverged_ << " time steps ended at nCorrectors, and have another result than"
+             << " without " << name() << nl << endl;
+    }
+
+    return true;
+}

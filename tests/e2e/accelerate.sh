@@ -22,6 +22,7 @@ for predictor in linear quadratic; do
     clean_case
     echo "test { type m4gnPredictor; libs (m4gnAccelerators); predictor $predictor; }" > system/functions
     runs solidDisplacementFoam
+    ! grep -q 'ended at nCorrectors' log.run || fail "a time step that converged is said to have ended at nCorrectors"
     used=$(correctors)
     echo "$predictor: $used correctors, $plain without"
     [ $((4*used)) -lt $((3*plain)) ] || fail "predictor $predictor takes more than three quarters of the correctors"
@@ -33,6 +34,14 @@ cp "$M4GN_HOME/openfoam/tutorials/beam/system/decomposeParDict" system
 on_two_ranks solidDisplacementFoam
 reconstructPar -time 0.1 > log.reconstruct 2>&1 || fail "reconstructPar"
 below "$(difference 0.1/D ../serial-beam/D)" 5e-3 "difference of D on two ranks"
+# Time steps that end before the tolerance begin elsewhere, and end elsewhere
+clean_case
+sed -i 's/nCorrectors 500;/nCorrectors 5;/' system/fvSolution
+runs solidDisplacementFoam
+grep -q 'ended at nCorrectors 5 with a residual of .*; expected less than entry D of stressAnalysis, 1e-05' log.run ||
+    fail "nothing says that time steps end at nCorrectors"
+grep -q '^m4gn: [1-9][0-9]* time steps ended at nCorrectors, and have another result' log.run || fail "nothing at the end of the run"
+sed -i 's/nCorrectors 5;/nCorrectors 500;/' system/fvSolution
 
 export LD_LIBRARY_PATH=$whole
 echo 'test { type m4gnPredictor; libs (m4gnFoam); } last { type m4gnRecorder; libs (m4gnFoam); fields (D); }' > system/functions
