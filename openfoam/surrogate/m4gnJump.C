@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnJump.H"
+#include "m4gnExplicitStress.H"
 #include "m4gnFunctionObjects.H"
 #include "m4gnOwnFields.H"
 #include "m4gnClock.H"
@@ -247,6 +248,10 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
                     completion_->write();
                 } else {
                     time_.write();
+                    if (m4gnExplicitStress::registered(mesh_)) {
+                        // solidDisplacementFoam makes it of sigmaD when it writes
+                        m4gnExplicitStress(mesh_).write();
+                    }
                 }
             });
             executeOthers(deltaT);

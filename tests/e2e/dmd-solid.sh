@@ -15,6 +15,11 @@ replaces 0.4 'a beam'
 # Over what half of the run changes
 hold=$(difference ../plain/2.5/D ../plain/1.25/D)
 below "$(difference ../plain/2.5/D 2.5/D)" "$(awk "BEGIN { print 0.05*$hold }")" "largest error of D"
+for time in 1.25 2.5; do
+    for field in sigma sigmaEq; do
+        below "$(difference "../plain/$time/$field" "$time/$field")" 0.1 "$field at $time, in the run's jumps"
+    done
+done
 
 # Carried on in a jump and behind one: the old levels are part of what is written
 mkdir ../whole && cp -r 1.25 2.5 postProcessing ../whole
