@@ -9,8 +9,7 @@ use m4gn_parallel::Comm;
 impl Source<'_> {
     /// The mesh: cells, faces between them, boundary faces, cyclic faces, elastic modes.
     pub(super) fn mesh(&self, file: &hdf5::File) -> Result<Mesh> {
-        let group =
-            file.group("mesh").map_err(|e| self.damaged(format!("group /mesh cannot be opened ({e})")))?;
+        let group = self.group(file, "mesh")?;
         let directions = self.numbers(&group, "directions", 3)?;
         let increasing = directions.windows(2).all(|w| w[0] < w[1]);
         if directions.len() < 2 || !increasing || directions.iter().any(|d| !(0..3).contains(d)) {

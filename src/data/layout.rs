@@ -6,6 +6,7 @@ use hdf5::{Dataset, Group};
 use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::body::{BodyShare, Material};
+use ndarray::ArrayView2;
 use std::path::Path;
 
 /// Size of the mesh's datasets, bytes (generously); fails for meshes whose labels do not fit.
@@ -27,25 +28,38 @@ pub(super) fn mesh_bytes(mesh: &Mesh) -> Result<u64> {
     Ok(96 * rows as u64 + 24 * (modes * mesh.n_cells()) as u64)
 }
 
-/// A dataset of frames of `rows x c` numbers, one frame a chunk; none for no rows, as HDF5 has no empty chunks.
-pub(super) fn frames_dataset(
-    group: &Group,
-    name: &str,
-    rows: usize,
-    c: usize,
-) -> hdf5::Result<Option<Dataset>> {
-    if rows == 0 {
-        return Ok(None);
+/// Frames of `rows x columns` numbers.
+#[derive(Debug, Default)]
+pub(super) struct Rows {
+    dataset: Option<Dataset>,
+    pub rows: usize,
+    pub columns: usize,
+}
+
+impl Rows {
+    /// A new dataset, one frame a chunk; none for no rows, as HDF5 has no empty chunks.
+    pub fn new(group: &Group, name: &str, rows: usize, columns: usize) -> hdf5::Result<Self> {
+        if rows == 0 {
+            return Ok(Rows::default());
+        }
+        let new = group.new_dataset::<f32>().shape([hdf5::Extent::from(0..), rows.into(), columns.into()]);
+        let new = new.chunk((1, rows, columns)).shuffle().deflate(4).fletcher32();
+        Ok(Rows { dataset: Some(new.create(name)?), rows, columns })
     }
-    group
-        .new_dataset::<f32>()
-        .shape([hdf5::Extent::from(0..), rows.into(), c.into()])
-        .chunk((1, rows, c))
-        .shuffle()
-        .deflate(4)
-        .fletcher32()
-        .create(name)
-        .map(Some)
+
+    /// Numbers of a frame.
+    pub fn size(&self) -> usize {
+        self.rows * self.columns
+    }
+
+    /// Writes frame `index`, which is the next one.
+    pub fn append(&self, index: usize, values: &[f32]) -> hdf5::Result<()> {
+        let Some(dataset) = &self.dataset else { return Ok(()) };
+        dataset.resize((index + 1, self.rows, self.columns))?;
+        let view = ArrayView2::from_shape((self.rows, self.columns), values)
+            .map_err(|e| hdf5::Error::Internal(e.to_string()))?;
+        dataset.write_slice(view, (index, .., ..))
+    }
 }
 
 pub(super) fn text<const N: usize>(path: &Path, at: &hdf5::Location, name: &str, value: &str) -> Result<()> {

@@ -145,6 +145,17 @@ impl<'a> Source<'a> {
             .map_err(|e| self.damaged(format!("attribute {name} of {} is not numbers ({e})", at.name())))
     }
 
+    fn dataset(&self, file: &hdf5::Group, name: &str) -> Result<Dataset> {
+        file.dataset(name).map_err(|e| self.damaged(format!("dataset /{name} cannot be opened ({e})")))
+    }
+
+    pub(super) fn group(&self, at: &hdf5::Group, name: &str) -> Result<hdf5::Group> {
+        let path = at.name();
+        at.group(name).map_err(|e| {
+            self.damaged(format!("group {}/{name} cannot be opened ({e})", path.trim_end_matches('/')))
+        })
+    }
+
     /// A dataset as a flat vector, of the given shape where given.
     pub(super) fn values<T: hdf5::H5Type>(
         &self,
@@ -152,9 +163,7 @@ impl<'a> Source<'a> {
         name: &str,
         shape: &[Option<usize>],
     ) -> Result<Vec<T>> {
-        let dataset = file
-            .dataset(name)
-            .map_err(|e| self.damaged(format!("dataset /{name} cannot be opened ({e})")))?;
+        let dataset = self.dataset(file, name)?;
         let found = dataset.shape();
         let fits =
             found.len() == shape.len() && found.iter().zip(shape).all(|(f, s)| s.is_none_or(|s| s == *f));
@@ -218,17 +227,13 @@ impl<'a> Source<'a> {
 
     /// The recorded fields, by name; their values are checked by [`Source::frames`].
     pub(super) fn fields(&self, file: &hdf5::File) -> Result<Vec<FieldMeta>> {
-        let group = file
-            .group("fields")
-            .map_err(|e| self.damaged(format!("group /fields cannot be opened ({e})")))?;
+        let group = self.group(file, "fields")?;
         let mut names = group
             .member_names()
             .map_err(|e| self.damaged(format!("group /fields cannot be listed ({e})")))?;
         names.sort();
         let field = |name: String| {
-            let at = group
-                .group(&name)
-                .map_err(|e| self.damaged(format!("group /fields/{name} cannot be opened ({e})")))?;
+            let at = self.group(&group, &name)?;
             let vector = self.number(&at, "vector")? != 0;
             let dimensions = self.numbers(&at, "dimensions", 7)?;
             let dimensions = <[i32; 7]>::try_from(dimensions).map_err(|d| {
@@ -241,9 +246,7 @@ impl<'a> Source<'a> {
 
     /// Opens a dataset of frames of the shape frames x rows x components.
     pub(super) fn frames(&self, file: &hdf5::Group, name: &str, shape: [usize; 3]) -> Result<Dataset> {
-        let dataset = file
-            .dataset(name)
-            .map_err(|e| self.damaged(format!("dataset /{name} cannot be opened ({e})")))?;
+        let dataset = self.dataset(file, name)?;
         let found = dataset.shape();
         if found != shape {
             return Err(self.damaged(format!("dataset /{name} has shape {found:?}, expected {shape:?}")));

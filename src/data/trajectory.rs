@@ -28,10 +28,8 @@ fn implied_at_cells(fields: &[FieldMeta], provenance: &serde_json::Value) -> Vec
 
 /// Values of a field.
 pub(super) enum Values {
-    /// At cells or points, and on the boundary, where there are any.
-    Recorded([Option<hdf5::Dataset>; 2]),
-    /// The same of a pressure, whose level is taken off.
-    Levelled([Option<hdf5::Dataset>; 2], Level),
+    /// At cells or points, and on the boundary, where there are any; of a pressure with the level that is taken off.
+    Recorded([Option<hdf5::Dataset>; 2], Option<Level>),
     /// The same at all times: what the mesh or the provenance says.
     Implied(Frame),
 }
@@ -42,12 +40,11 @@ impl Values {
         let rows =
             |part: &Option<hdf5::Dataset>| part.as_ref().map_or(Ok(Vec::new()), |p| source.frame(p, frame));
         match self {
-            Values::Recorded([cells, boundary]) => {
-                Ok(Frame { cells: rows(cells)?, boundary: rows(boundary)? })
-            }
-            Values::Levelled([cells, boundary], level) => {
+            Values::Recorded([cells, boundary], level) => {
                 let mut frame = Frame { cells: rows(cells)?, boundary: rows(boundary)? };
-                level.take_off(&mut frame.cells, &mut frame.boundary);
+                if let Some(level) = level {
+                    level.take_off(&mut frame.cells, &mut frame.boundary);
+                }
                 Ok(frame)
             }
             Values::Implied(values) => Ok(values.clone()),
@@ -227,7 +224,7 @@ impl Trajectory {
     pub fn recorded_frames(&self, field: &str) -> Result<Vec<Frame>> {
         let (file, source) = (open_file(&self.path)?, Source::new(&self.path)?);
         let values = match self.open_field(&source, &file, self.field(field)?)? {
-            Values::Levelled(parts, _) => Values::Recorded(parts),
+            Values::Recorded(parts, _) => Values::Recorded(parts, None),
             others => others,
         };
         (0..self.times.len()).map(|frame| values.frame(&source, frame)).collect()
@@ -284,10 +281,7 @@ impl Trajectory {
             open(format!("fields/{}/boundary", field.name), self.mesh.boundary.len())?,
         ];
         let levelled = self.body.is_none() && has_level(&field.name, field.vector, field.dimensions);
-        Ok(match levelled {
-            true => Values::Levelled(values, Level::new(&self.mesh, &Comm::serial())),
-            false => Values::Recorded(values),
-        })
+        Ok(Values::Recorded(values, levelled.then(|| Level::new(&self.mesh, &Comm::serial()))))
     }
 
     fn implied_values(&self, name: &str) -> Frame {

@@ -1,13 +1,13 @@
 //! Writing one trajectory from one process: beside the final name first, renamed when whole.
 
-use super::layout::{frames_dataset, mesh_bytes, number, text, write_mesh, write_triangles};
+use super::layout::{Rows, mesh_bytes, number, text, write_mesh, write_triangles};
 use super::schema::{FORMAT, FieldMeta, Frame, LONG, NAME, Split, VERSION, h5_error, quiet};
 use super::space::reserve;
 use super::superblock::clear_open_mark;
 use hdf5::Dataset;
 use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
-use ndarray::{ArrayView1, ArrayView2};
+use ndarray::ArrayView1;
 use rustix::fs::FlockOperation;
 use rustix::io::Errno;
 use std::ffi::OsString;
@@ -44,8 +44,8 @@ struct Open {
     file: hdf5::File,
     times: Dataset,
     fields: Vec<FieldSets>,
-    /// The displacement of an obstacle's points, and their number.
-    motion: Option<(Dataset, usize)>,
+    /// The displacement of an obstacle's points.
+    motion: Rows,
     /// A second handle on the file, through which space is reserved before HDF5 writes.
     space: std::fs::File,
     /// Uncompressed size of a frame of all fields, bytes.
@@ -55,11 +55,8 @@ struct Open {
 #[derive(Debug)]
 struct FieldSets {
     name: String,
-    cells: Option<Dataset>,
-    boundary: Option<Dataset>,
-    components: usize,
-    n_cells: usize,
-    n_boundary: usize,
+    cells: Rows,
+    boundary: Rows,
 }
 
 /// Room kept for HDF5's own tables beside a frame's values, bytes.
@@ -142,24 +139,20 @@ impl Writer {
             let c = meta.components(mesh.dim());
             fields.push(FieldSets {
                 name: meta.name.clone(),
-                cells: frames_dataset(&at, "cells", n, c).map_err(error())?,
-                boundary: frames_dataset(&at, "boundary", b, c).map_err(error())?,
-                components: c,
-                n_cells: n,
-                n_boundary: b,
+                cells: Rows::new(&at, "cells", n, c).map_err(error())?,
+                boundary: Rows::new(&at, "boundary", b, c).map_err(error())?,
             });
         }
-        let motion = match mesh.obstacle.as_ref().map(|o| o.positions.len()) {
-            Some(points) => {
+        let motion = match &mesh.obstacle {
+            Some(obstacle) => {
                 let group = file.group("obstacle").map_err(error())?;
-                let dataset = frames_dataset(&group, "displacement", points, 3).map_err(error())?;
-                dataset.map(|dataset| (dataset, points))
+                Rows::new(&group, "displacement", obstacle.positions.len(), 3).map_err(error())?
             }
-            None => None,
+            None => Rows::default(),
         };
         file.flush().map_err(error())?;
-        let values: usize = fields.iter().map(|f| f.components * (n + b)).sum();
-        let frame_bytes = 4 * (values + 3 * motion.as_ref().map_or(0, |m| m.1)) as u64;
+        let values: usize = fields.iter().map(|f| f.cells.size() + f.boundary.size()).sum();
+        let frame_bytes = 4 * (values + motion.size()) as u64;
         self.open = Some(Open { file, times, fields, motion, space, frame_bytes });
         Ok(())
     }
@@ -259,7 +252,7 @@ impl Drop for Writer {
 
 impl Open {
     fn check(&self, time: f64, frames: &[Frame], motion: &[[f32; 3]]) -> Result<()> {
-        let points = self.motion.as_ref().map_or(0, |m| m.1);
+        let points = self.motion.rows;
         if motion.len() != points {
             return Err(Error::Input(format!(
                 "displacement of {} points of an obstacle given, expected {points}",
@@ -275,7 +268,7 @@ impl Open {
         }
         for (field, frame) in self.fields.iter().zip(frames) {
             let name = &field.name;
-            let (n, b) = (field.n_cells * field.components, field.n_boundary * field.components);
+            let (n, b) = (field.cells.size(), field.boundary.size());
             if frame.cells.len() != n || frame.boundary.len() != b {
                 return Err(Error::Input(format!(
                     "field {name}: {} cell and {} boundary values given, expected {n} and {b}",
@@ -304,24 +297,10 @@ impl Open {
             self.times.resize((index + 1,))?;
             self.times.write_slice(&[time], (index..index + 1,))?;
             for (field, frame) in self.fields.iter().zip(frames) {
-                let parts = [
-                    (&field.cells, field.n_cells, &frame.cells),
-                    (&field.boundary, field.n_boundary, &frame.boundary),
-                ];
-                for (dataset, rows, values) in parts {
-                    let Some(dataset) = dataset else { continue };
-                    dataset.resize((index + 1, rows, field.components))?;
-                    let view = ArrayView2::from_shape((rows, field.components), values)
-                        .map_err(|e| hdf5::Error::Internal(e.to_string()))?;
-                    dataset.write_slice(view, (index, .., ..))?;
-                }
+                field.cells.append(index, &frame.cells)?;
+                field.boundary.append(index, &frame.boundary)?;
             }
-            if let Some((dataset, points)) = &self.motion {
-                dataset.resize((index + 1, *points, 3))?;
-                let view = ArrayView2::from_shape((*points, 3), motion.as_flattened())
-                    .map_err(|e| hdf5::Error::Internal(e.to_string()))?;
-                dataset.write_slice(view, (index, .., ..))?;
-            }
+            self.motion.append(index, motion.as_flattened())?;
             // Flushed, so that every byte HDF5 has taken is in the space reserved above.
             self.file.flush()
         };
@@ -334,7 +313,7 @@ impl Open {
         let failed = || h5_error(path, "cannot be closed");
         self.file.flush().map_err(failed())?;
         let size = self.file.size();
-        drop((self.times, self.fields));
+        drop((self.times, self.fields, self.motion));
         self.file.close().map_err(failed())?;
         // Gives back what was reserved; HDF5 has written up to `size`.
         self.space
