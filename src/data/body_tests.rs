@@ -1,5 +1,7 @@
 //! The trajectory of a bar that Python wrote (`python -m m4gn_solids.fixture`), whole and damaged.
 
+use super::damage_tests::{check_truncations, flipped};
+use super::tests::place;
 use super::*;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::body::Material;
@@ -20,8 +22,7 @@ fn read_all(path: &Path) -> m4gn_base::Result<All> {
 
 /// A copy that was changed.
 fn changed(change: impl FnOnce(&hdf5::File)) -> (tempfile::TempDir, PathBuf) {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("a.h5");
+    let (dir, path) = place();
     std::fs::copy(FILE, &path).unwrap();
     change(&hdf5::File::open_rw(&path).unwrap());
     (dir, path)
@@ -31,6 +32,14 @@ fn changed(change: impl FnOnce(&hdf5::File)) -> (tempfile::TempDir, PathBuf) {
 fn message(change: impl FnOnce(&hdf5::File)) -> String {
     let (_dir, path) = changed(change);
     read_all(&path).unwrap_err().to_string()
+}
+
+/// Changes one value of an array.
+fn edit<T: hdf5::H5Type + Copy>(f: &hdf5::File, name: &str, at: usize, change: impl Fn(T) -> T) {
+    let data = f.dataset(name).unwrap();
+    let mut values = data.read_raw::<T>().unwrap();
+    values[at] = change(values[at]);
+    data.as_writer().write_raw(&values).unwrap();
 }
 
 #[test]
@@ -86,26 +95,15 @@ fn arrays_without_a_checksum_are_refused() {
 #[test]
 fn an_obstacle_that_deforms_is_refused() {
     let text = message(|f| {
-        let data = f.dataset("obstacle/displacement").unwrap();
-        let mut values = data.read_raw::<f32>().unwrap();
-        let last = values.len() - 3;
-        values[last] += 1e-3;
-        data.as_writer().write_raw(&values).unwrap();
+        let last = f.dataset("obstacle/displacement").unwrap().size() - 3;
+        edit(f, "obstacle/displacement", last, |u: f32| u + 1e-3);
     });
     assert!(text.contains("frame 3 of /obstacle/displacement") && text.contains("rigid body"), "{text}");
 }
 
 #[test]
 fn what_is_inconsistent_is_named() {
-    let labels = |name: &str, at: usize, value: i32| {
-        let name = name.to_string();
-        message(move |f| {
-            let data = f.dataset(&name).unwrap();
-            let mut values = data.read_raw::<i32>().unwrap();
-            values[at] = value;
-            data.as_writer().write_raw(&values).unwrap();
-        })
-    };
+    let labels = |name: &str, at: usize, value: i32| message(|f| edit(f, name, at, |_| value));
     assert!(labels("mesh/point_type", 3, 9).contains("/mesh/point_type[3] is 9, expected 6 (body)"));
     assert!(labels("elements/kind", 1, 5).contains("/elements/kind[1]: element code 5"));
     assert!(labels("elements/kind", 1, 11).contains("element code 11"));
@@ -114,15 +112,7 @@ fn what_is_inconsistent_is_named() {
     assert!(labels("elements/points", 0, 1).contains("element 0 has the point 1 twice"));
     assert!(labels("obstacle/triangles", 0, -1).contains("/obstacle/triangles[0] is -1"));
     assert!(labels("obstacle/triangles", 0, 3).contains("not closed"));
-    let value = |name: &str, value: f64| {
-        let name = name.to_string();
-        message(move |f| {
-            let data = f.dataset(&name).unwrap();
-            let mut values = data.read_raw::<f64>().unwrap();
-            values[2] = value;
-            data.as_writer().write_raw(&values).unwrap();
-        })
-    };
+    let value = |name: &str, value: f64| message(|f| edit(f, name, 2, |_| value));
     assert!(value("elements/poisson", 0.5).contains("element 2 has E 1000000 Pa, nu 0.5"));
     assert!(value("elements/density", 0.0).contains("rho 0 kg"));
     assert!(value("elements/young", f64::NAN).contains("expected a finite one"));
@@ -134,12 +124,7 @@ fn what_is_inconsistent_is_named() {
     assert!(message(|f| f.dataset("times").unwrap().resize(0).unwrap()).contains("no frames"));
     let short = message(|f| f.dataset("obstacle/displacement").unwrap().resize((2, 26, 3)).unwrap());
     assert!(short.contains("[2, 26, 3], expected [4, 26, 3]"), "{short}");
-    let nan = message(|f| {
-        let data = f.dataset("obstacle/displacement").unwrap();
-        let mut values = data.read_raw::<f32>().unwrap();
-        values[1] = f32::NAN;
-        data.as_writer().write_raw(&values).unwrap();
-    });
+    let nan = message(|f| edit(f, "obstacle/displacement", 1, |_| f32::NAN));
     assert!(nan.contains("frame 0 of /obstacle/displacement"), "{nan}");
 }
 
@@ -154,13 +139,7 @@ fn the_obstacle_may_be_left_out() {
 
 #[test]
 fn every_truncation_is_an_error() {
-    let whole = std::fs::read(FILE).unwrap();
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("a.h5");
-    for length in (0..whole.len()).step_by(1777) {
-        std::fs::write(&path, &whole[..length]).unwrap();
-        assert!(read_all(&path).is_err(), "truncated to {length} of {} bytes", whole.len());
-    }
+    check_truncations(Path::new(FILE), 1777, |path| read_all(path).is_ok());
 }
 
 proptest! {
@@ -169,14 +148,7 @@ proptest! {
     /// Flipped bytes anywhere give values or an error, never a panic, and never other values: all is checksummed.
     #[test]
     fn damaged_bytes_never_panic(places in prop::collection::vec((0.0..1.0f64, 1..=255u8), 1..4)) {
-        let mut bytes = std::fs::read(FILE).unwrap();
-        for (place, flip) in places {
-            let i = (place * bytes.len() as f64) as usize;
-            bytes[i] ^= flip;
-        }
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("a.h5");
-        std::fs::write(&path, &bytes).unwrap();
+        let (_dir, path) = flipped(Path::new(FILE), &places);
         if let Ok(found) = read_all(&path) {
             prop_assert_eq!(found, read_all(Path::new(FILE)).unwrap());
             let [found, whole] = [path.as_path(), Path::new(FILE)].map(|p| Trajectory::open(p).unwrap());

@@ -1,9 +1,10 @@
 //! Files of flows that are damaged, or are no trajectories.
 
-use super::tests::{frames, square, write};
+use super::tests::{frames, place, square, write, written};
 use super::*;
 use proptest::prelude::*;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
 
 /// Opens a file and reads all of it.
 fn read_all(path: &Path) -> m4gn_base::Result<()> {
@@ -16,8 +17,7 @@ fn read_all(path: &Path) -> m4gn_base::Result<()> {
 
 #[test]
 fn files_that_are_no_trajectories() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("a.h5");
+    let (dir, path) = place();
     let message = |path: &Path| Trajectory::open(path).unwrap_err().to_string();
     assert!(message(&path).contains("cannot be read: No such file"));
     assert!(message(dir.path()).contains("expected a plain file, found a folder"));
@@ -50,24 +50,38 @@ fn files_that_are_no_trajectories() {
     assert!(frames.contains("/fields/k/cells") && frames.contains("[3, 4, 1]"), "{frames}");
 }
 
+/// Checks that a file that is cut off, at every `step`-th byte, cannot be read.
+pub(super) fn check_truncations(whole: &Path, step: usize, read: impl Fn(&Path) -> bool) {
+    let whole = std::fs::read(whole).unwrap();
+    let (_dir, path) = place();
+    for length in (0..whole.len()).step_by(step) {
+        std::fs::write(&path, &whole[..length]).unwrap();
+        assert!(!read(&path), "truncated to {length} of {} bytes", whole.len());
+    }
+}
+
+/// A copy of a file with flipped bytes.
+pub(super) fn flipped(whole: &Path, places: &[(f64, u8)]) -> (TempDir, PathBuf) {
+    let mut bytes = std::fs::read(whole).unwrap();
+    for (place, flip) in places {
+        let i = (place * bytes.len() as f64) as usize;
+        bytes[i] ^= flip;
+    }
+    let (dir, path) = place();
+    std::fs::write(&path, &bytes).unwrap();
+    (dir, path)
+}
+
 #[test]
 fn every_truncation_is_an_error() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("a.h5");
-    write(&path, 3);
-    let whole = std::fs::read(&path).unwrap();
-    for length in (0..whole.len()).step_by(97) {
-        std::fs::write(&path, &whole[..length]).unwrap();
-        assert!(read_all(&path).is_err(), "truncated to {length} of {} bytes", whole.len());
-    }
+    let (_dir, path) = written(3);
+    check_truncations(&path, 97, |path| read_all(path).is_ok());
 }
 
 /// Meshes that no solver has are damage.
 #[test]
 fn meshes_are_checked_when_they_are_read() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("a.h5");
-    write(&path, 2);
+    let (_dir, path) = written(2);
     let file = hdf5::File::open_rw(&path).unwrap();
     let volumes = file.dataset("mesh/cell_volumes").unwrap();
     volumes.write_raw(&[1.0, f64::NAN, 1.0, 1.0]).unwrap();
@@ -122,16 +136,9 @@ proptest! {
     /// checksummed.
     #[test]
     fn damaged_bytes_never_panic(places in prop::collection::vec((0.0..1.0f64, 1..=255u8), 1..4)) {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("a.h5");
-        write(&path, 2);
+        let (_dir, path) = written(2);
         let whole = Trajectory::open(&path).unwrap();
-        let mut bytes = std::fs::read(&path).unwrap();
-        for (place, flip) in places {
-            let i = (place * bytes.len() as f64) as usize;
-            bytes[i] ^= flip;
-        }
-        std::fs::write(&path, &bytes).unwrap();
+        let (_dir, path) = flipped(&path, &places);
         if let Ok(trajectory) = Trajectory::open(&path) {
             prop_assert_eq!(trajectory.mesh(), &square());
             prop_assert_eq!(trajectory.times(), whole.times());

@@ -3,7 +3,8 @@
 use super::*;
 use m4gn_base::Error;
 use m4gn_mesh::{BoundaryFace, CoupledFace, ElasticModes, Mesh, NodeType};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
 
 /// Two by two unit cells, walls all round but an inlet on the left, one cyclic pair.
 pub(super) fn square() -> Mesh {
@@ -68,18 +69,41 @@ pub(super) fn options() -> WriteOptions {
 }
 
 pub(super) fn write(path: &Path, n: usize) {
-    let mut writer = Writer::create(path, &square(), &options()).unwrap();
-    for i in 0..n {
-        writer.append(1.0 + 0.01 * i as f64, &frames(i)).unwrap();
+    record(path, &square(), &options(), (0..n).map(|i| (1.0 + 0.01 * i as f64, frames(i))));
+}
+
+/// A whole recording of the given times and frames.
+fn record(
+    path: &Path,
+    mesh: &Mesh,
+    options: &WriteOptions,
+    frames: impl IntoIterator<Item = (f64, Vec<Frame>)>,
+) -> Trajectory {
+    let mut writer = Writer::create(path, mesh, options).unwrap();
+    for (time, frame) in frames {
+        writer.append(time, &frame).unwrap();
     }
     writer.finish().unwrap();
+    Trajectory::open(path).unwrap()
+}
+
+/// The path of a trajectory in a new folder, which is removed with the first.
+pub(super) fn place() -> (TempDir, PathBuf) {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.h5");
+    (dir, path)
+}
+
+/// A new trajectory of `n` frames.
+pub(super) fn written(n: usize) -> (TempDir, PathBuf) {
+    let (dir, path) = place();
+    write(&path, n);
+    (dir, path)
 }
 
 #[test]
 fn the_mesh_says_how_large_its_cells_are() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("0000.h5");
-    write(&path, 2);
+    let (_dir, path) = written(2);
     let trajectory = Trajectory::open(&path).unwrap();
     let meta = trajectory.field("cellSize").unwrap();
     assert_eq!((meta.vector, meta.dimensions), (false, [0, 1, 0, 0, 0, 0, 0]));
@@ -96,15 +120,10 @@ fn the_mesh_says_how_large_its_cells_are() {
 
 #[test]
 fn the_provenance_says_the_viscosity() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("0000.h5");
-    write(&path, 1);
+    let (_dir, path) = written(1);
     assert!(Trajectory::open(&path).unwrap().field("nu").is_err());
     let options = WriteOptions { provenance: serde_json::json!({"nu": 1e-3}), overwrite: true, ..options() };
-    let mut writer = Writer::create(&path, &square(), &options).unwrap();
-    writer.append(1.0, &frames(0)).unwrap();
-    writer.finish().unwrap();
-    let trajectory = Trajectory::open(&path).unwrap();
+    let trajectory = record(&path, &square(), &options, [(1.0, frames(0))]);
     assert_eq!(trajectory.field("nu").unwrap().dimensions, [0, 2, -1, 0, 0, 0, 0]);
     let nu = trajectory.read_frame("nu", 0).unwrap();
     assert_eq!(nu.cells, vec![1e-3; square().n_cells()]);
@@ -143,12 +162,10 @@ fn a_pressure_is_read_without_its_level() {
         let mut mesh = square();
         mesh.boundary[2].kind = kind;
         let p = FieldMeta { name: "p".into(), vector: false, dimensions: [0, 2, -2, 0, 0, 0, 0] };
-        let mut writer =
-            Writer::create(&path, &mesh, &WriteOptions { fields: vec![p], ..options() }).unwrap();
+        let options = WriteOptions { fields: vec![p], ..options() };
         let cells = vec![9998.0, 10000.0, 10002.0, 10004.0];
-        writer.append(0.0, &[Frame { cells, boundary: vec![9998.0, 10002.0, 10000.0] }]).unwrap();
-        writer.finish().unwrap();
-        let read = Trajectory::open(&path).unwrap();
+        let frame = Frame { cells, boundary: vec![9998.0, 10002.0, 10000.0] };
+        let read = record(&path, &mesh, &options, [(0.0, vec![frame])]);
         assert_eq!(read.read_frame("p", 0).unwrap().cells, expected);
         let (states, _) = read.states(&["p"]).unwrap().read(0).unwrap();
         assert_eq!(states[0].cells, expected);
@@ -158,22 +175,16 @@ fn a_pressure_is_read_without_its_level() {
 
 #[test]
 fn no_boundary_faces_is_a_mesh_too() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("a.h5");
+    let (_dir, path) = place();
     let mesh = Mesh { boundary: vec![], ..square() };
-    let mut writer = Writer::create(&path, &mesh, &options()).unwrap();
     let frame: Vec<_> = frames(0).into_iter().map(|f| Frame { boundary: vec![], ..f }).collect();
-    writer.append(0.0, &frame).unwrap();
-    writer.finish().unwrap();
-    let trajectory = Trajectory::open(&path).unwrap();
+    let trajectory = record(&path, &mesh, &options(), [(0.0, frame.clone())]);
     assert_eq!(trajectory.read_frame("U", 0).unwrap(), frame[0]);
 }
 
 #[test]
 fn a_frame_that_is_not_there() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("a.h5");
-    write(&path, 2);
+    let (_dir, path) = written(2);
     let trajectory = Trajectory::open(&path).unwrap();
     assert!(trajectory.read_frame("U", 2).unwrap_err().to_string().contains("2 frames"));
     assert!(trajectory.read_frames("U", 1, usize::MAX, 3).is_err());
@@ -190,8 +201,7 @@ fn a_frame_that_is_not_there() {
 
 #[test]
 fn unfinished_recordings_leave_nothing_and_are_not_listed() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("a.h5");
+    let (dir, path) = place();
     let mut writer = Writer::create(&path, &square(), &options()).unwrap();
     writer.append(0.0, &frames(0)).unwrap();
     assert!(list(dir.path()).unwrap_err().to_string().contains("holds no trajectories"));
@@ -206,8 +216,7 @@ fn unfinished_recordings_leave_nothing_and_are_not_listed() {
 
 #[test]
 fn whole_frames_of_a_killed_recording_are_kept() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("a.h5");
+    let (dir, path) = place();
     let partial = dir.path().join(".a.h5.partial");
     // The file as it stands after each frame is what a killed process leaves
     let mut writer = Writer::create(&path, &square(), &options()).unwrap();
@@ -218,9 +227,7 @@ fn whole_frames_of_a_killed_recording_are_kept() {
 
     for name in ["a-killed.h5", "a-killed-2.h5"] {
         std::fs::write(&partial, &left).unwrap();
-        let mut writer = Writer::create(&path, &square(), &options()).unwrap();
-        writer.append(2.0, &frames(2)).unwrap();
-        writer.finish().unwrap();
+        record(&path, &square(), &options(), [(2.0, frames(2))]);
         std::fs::remove_file(&path).unwrap();
         let kept = Trajectory::open(dir.path().join(name)).unwrap();
         assert_eq!(kept.times(), [0.0, 1.0]);
@@ -230,8 +237,7 @@ fn whole_frames_of_a_killed_recording_are_kept() {
 
 #[test]
 fn bad_frames_are_refused_and_the_recording_goes_on() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("a.h5");
+    let (_dir, path) = place();
     let mut writer = Writer::create(&path, &square(), &options()).unwrap();
     writer.append(0.0, &frames(0)).unwrap();
     assert!(matches!(writer.append(0.0, &frames(1)), Err(Error::Input(_))));
@@ -249,9 +255,7 @@ fn bad_frames_are_refused_and_the_recording_goes_on() {
 
 #[test]
 fn an_existing_file_is_kept() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("a.h5");
-    write(&path, 1);
+    let (dir, path) = written(1);
     let refused = Writer::create(&path, &square(), &options()).unwrap_err().to_string();
     assert!(refused.contains("exists already"), "{refused}");
     let mut writer =
@@ -308,8 +312,7 @@ fn a_full_disk_leaves_nothing() {
 /// A second recording of one name is refused, and the first goes on untouched; what a killed one left is taken over.
 #[test]
 fn two_recordings_of_one_name() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("a.h5");
+    let (dir, path) = place();
     let options = options();
     let mut first = Writer::create(&path, &square(), &options).unwrap();
     first.append(0.0, &frames(0)).unwrap();
@@ -323,8 +326,5 @@ fn two_recordings_of_one_name() {
 
     std::fs::write(dir.path().join(".b.h5.partial"), "left by a killed run").unwrap();
     let path = dir.path().join("b.h5");
-    let mut third = Writer::create(&path, &square(), &options).unwrap();
-    third.append(0.0, &frames(0)).unwrap();
-    third.finish().unwrap();
-    assert_eq!(Trajectory::open(&path).unwrap().times(), [0.0]);
+    assert_eq!(record(&path, &square(), &options, [(0.0, frames(0))]).times(), [0.0]);
 }
