@@ -60,26 +60,22 @@ pub enum Axis {
 }
 
 impl Axis {
-    /// The place of a value on the y axis.
-    fn height(self, y: f64) -> f64 {
+    /// The place of a value on an axis: of a logarithmic one its exponent of ten, NaN where there is none.
+    fn place(self, value: f64) -> f64 {
         match self {
-            Axis::Logarithmic => exponent(y),
-            Axis::Range | Axis::FromZero => y,
+            Axis::Logarithmic if value > 0.0 => value.log10(),
+            Axis::Logarithmic => f64::NAN,
+            Axis::Range | Axis::FromZero => value,
         }
     }
 
-    /// The place of a value on the x axis.
-    fn width(self, x: f64) -> f64 {
+    /// The label of a tick on an axis that spans `range`.
+    fn label(self, place: f64, range: f64) -> String {
         match self {
-            Axis::Logarithmic => exponent(x),
-            _ => x,
+            Axis::Logarithmic => power(place),
+            Axis::Range | Axis::FromZero => tick(place, range),
         }
     }
-}
-
-/// The exponent of ten; NaN where there is none.
-fn exponent(value: f64) -> f64 {
-    if value > 0.0 { value.log10() } else { f64::NAN }
 }
 
 /// The label of a tick at an exponent of ten: two digits. The places of ticks are sums, and off by rounding.
@@ -106,7 +102,7 @@ impl Chart {
 
     /// The points of a curve as they are drawn: of a logarithmic axis, the exponents of ten.
     fn drawn(&self, series: &Series) -> Vec<(f64, f64)> {
-        let place = |&(x, y): &(f64, f64)| (self.axis.width(x), self.axis.height(y));
+        let place = |&(x, y): &(f64, f64)| (self.axis.place(x), self.axis.place(y));
         series.points.iter().map(place).collect()
     }
 
@@ -156,17 +152,12 @@ impl Chart {
             .axis_desc_style(("sans-serif", 15))
             .light_line_style(TRANSPARENT)
             .bold_line_style(RGBColor(225, 225, 225))
-            .x_label_formatter(&|v| match self.axis {
-                Axis::Logarithmic => power(*v),
-                _ => tick(*v, x_high - x_low),
-            })
-            .y_label_formatter(&|v| match self.axis {
-                Axis::Logarithmic => power(*v),
-                Axis::Range | Axis::FromZero => tick(*v, high - low),
-            })
+            .x_label_formatter(&|v| self.axis.label(*v, x_high - x_low))
+            .y_label_formatter(&|v| self.axis.label(*v, high - low))
             .draw()?;
+        let colour = |series: &Series| RGBColor(series.colour.0, series.colour.1, series.colour.2);
         for series in &self.series {
-            let colour = RGBColor(series.colour.0, series.colour.1, series.colour.2);
+            let colour = colour(series);
             let points = self.drawn(series);
             if series.dots {
                 let places = points.iter().filter(|p| p.0.is_finite() && p.1.is_finite());
@@ -180,13 +171,10 @@ impl Chart {
         // Above the curves, where it hides none of them.
         if self.series.len() > 1 {
             for (i, series) in self.series.iter().enumerate() {
-                let colour = RGBColor(series.colour.0, series.colour.1, series.colour.2);
                 let left = 90 + 160 * (i % PER_ROW) as i32;
                 let top = 30 * (i / PER_ROW) as i32;
-                legend.draw(&PathElement::new(
-                    [(left, top + 18), (left + 26, top + 18)],
-                    colour.stroke_width(2),
-                ))?;
+                let line = [(left, top + 18), (left + 26, top + 18)];
+                legend.draw(&PathElement::new(line, colour(series).stroke_width(2)))?;
                 legend.draw(&Text::new(series.name.as_str(), (left + 34, top + 11), ("sans-serif", 15)))?;
             }
         }

@@ -68,11 +68,7 @@ impl Raster {
                     let under = self.get(left + i, y + j);
                     let mix =
                         |a: u8, b: u8| ((a as u32 * (255 - ink as u32) + b as u32 * ink as u32) / 255) as u8;
-                    self.set(
-                        left + i,
-                        y + j,
-                        [mix(under[0], INK[0]), mix(under[1], INK[1]), mix(under[2], INK[2])],
-                    );
+                    self.set(left + i, y + j, std::array::from_fn(|c| mix(under[c], INK[c])));
                 }
             }
             left += glyph.width();
