@@ -5,58 +5,48 @@ use m4gn_base::{Error, Result};
 use m4gn_mesh::elements::{ElementKind, Elements};
 use std::fmt::Write;
 
-/// Cells with values at their points.
-#[derive(Clone, Debug)]
-pub struct Grid {
-    cells: Cells,
-}
-
 /// Cells as VTK counts their points.
 #[derive(Clone, Debug, Default)]
-struct Cells {
+pub struct Grid {
     points: Vec<i64>,
     ends: Vec<i64>,
     kinds: Vec<u8>,
 }
 
-impl Cells {
+impl Grid {
     /// `kind`: VTK's code.
-    fn add(&mut self, kind: i32, points: impl Iterator<Item = i32>) {
-        self.points.extend(points.map(i64::from));
+    fn add(&mut self, kind: i32, points: impl IntoIterator<Item = i32>) {
+        self.points.extend(points.into_iter().map(i64::from));
         self.ends.push(self.points.len() as i64);
         self.kinds.push(kind as u8);
     }
-}
 
-impl Grid {
     /// Of elements.
     pub fn of_elements(elements: &Elements) -> Self {
-        let mut cells = Cells::default();
+        let mut grid = Grid::default();
         for e in 0..elements.len() {
             let (kind, p) = (elements.kind[e], elements.points_of(e));
             match kind {
                 // VTK's wedges have the normal of their first triangle outward.
-                ElementKind::Wedge => cells.add(kind as i32, [0, 2, 1, 3, 5, 4].into_iter().map(|i| p[i])),
-                _ => cells.add(kind as i32, p.iter().copied()),
+                ElementKind::Wedge => grid.add(kind as i32, [0, 2, 1, 3, 5, 4].map(|i| p[i])),
+                _ => grid.add(kind as i32, p.iter().copied()),
             }
         }
-        Grid { cells }
+        grid
     }
 
     /// Of triangles.
     pub fn of_triangles(triangles: &[[i32; 3]]) -> Self {
-        let mut cells = Cells::default();
-        for t in triangles {
-            cells.add(5, t.iter().copied());
-        }
-        Grid { cells }
+        let mut grid = Grid::default();
+        triangles.iter().for_each(|t| grid.add(5, *t));
+        grid
     }
 
     /// A vertex for each of so many points: without cells ParaView draws nothing.
     pub fn of_points(n: usize) -> Self {
-        let mut cells = Cells::default();
-        (0..n as i32).for_each(|p| cells.add(1, [p].into_iter()));
-        Grid { cells }
+        let mut grid = Grid::default();
+        (0..n as i32).for_each(|p| grid.add(1, [p]));
+        grid
     }
 
     /// The file's text with the points at `points` `[N]`, m, and fields there, in single precision: name, components (1 or 3), values
@@ -65,10 +55,32 @@ impl Grid {
     /// # Errors
     /// [`Error::Internal`] for a field of another length.
     pub fn vtu(&self, points: &[[f64; 3]], fields: &[(&str, usize, &[f64])]) -> Result<String> {
-        let single = |v: &[f64]| bytes(v.iter().map(|x| (*x as f32).to_le_bytes()));
-        let fields: Vec<Data> =
-            fields.iter().map(|(name, c, v)| (*name, *c, v.len() / c, single(v))).collect();
-        text(points, &self.cells, &fields)
+        let (n, c) = (points.len(), self.kinds.len());
+        if let Some((name, width, values)) =
+            fields.iter().find(|(_, width, values)| values.len() / width != n)
+        {
+            let found = values.len() / width;
+            return Err(Error::Internal(format!("field {name} has {found} values for {n} points")));
+        }
+        let mut text = format!(
+            "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
+             header_type=\"UInt64\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\"{n}\" NumberOfCells=\"{c}\">\n<PointData>\n"
+        );
+        for (name, components, values) in fields {
+            let data = bytes(values.iter().map(|x| (*x as f32).to_le_bytes()));
+            array(&mut text, "Float32", &super::page::escape(name), *components, &data);
+        }
+        text += "</PointData>\n<Points>\n";
+        let flat = points.iter().flatten().map(|v| v.to_le_bytes());
+        array(&mut text, "Float64", "Points", 3, &bytes(flat));
+        text += "</Points>\n<Cells>\n";
+        for (name, values) in [("connectivity", &self.points), ("offsets", &self.ends)] {
+            let data = bytes(values.iter().map(|v| v.to_le_bytes()));
+            array(&mut text, "Int64", name, 1, &data);
+        }
+        array(&mut text, "UInt8", "types", 1, &self.kinds);
+        text += "</Cells>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n";
+        Ok(text)
     }
 }
 
@@ -82,34 +94,6 @@ pub fn pvd(files: &[(f64, String)]) -> String {
         let _ = writeln!(text, "<DataSet timestep=\"{time}\" file=\"{}\"/>", super::page::escape(file));
     }
     text + "</Collection>\n</VTKFile>\n"
-}
-
-/// Name, components, number of points, bytes.
-type Data<'a> = (&'a str, usize, usize, Vec<u8>);
-
-fn text(points: &[[f64; 3]], cells: &Cells, fields: &[Data]) -> Result<String> {
-    let (n, c) = (points.len(), cells.kinds.len());
-    if let Some((name, _, found, _)) = fields.iter().find(|f| f.2 != n) {
-        return Err(Error::Internal(format!("field {name} has {found} values for {n} points")));
-    }
-    let mut text = format!(
-        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
-         header_type=\"UInt64\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\"{n}\" NumberOfCells=\"{c}\">\n<PointData>\n"
-    );
-    for (name, components, _, data) in fields {
-        array(&mut text, "Float32", &super::page::escape(name), *components, data);
-    }
-    text += "</PointData>\n<Points>\n";
-    let flat = points.iter().flatten().map(|v| v.to_le_bytes());
-    array(&mut text, "Float64", "Points", 3, &bytes(flat));
-    text += "</Points>\n<Cells>\n";
-    for (name, values) in [("connectivity", &cells.points), ("offsets", &cells.ends)] {
-        let data = bytes(values.iter().map(|v| v.to_le_bytes()));
-        array(&mut text, "Int64", name, 1, &data);
-    }
-    array(&mut text, "UInt8", "types", 1, &cells.kinds);
-    text += "</Cells>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n";
-    Ok(text)
 }
 
 fn bytes<const N: usize>(values: impl Iterator<Item = [u8; N]>) -> Vec<u8> {
