@@ -109,7 +109,7 @@ pub fn segment(
                 }
                 false => None,
             };
-            compute(mesh, graph, spec, modes.as_ref(), comm)
+            compute(mesh, graph, spec, (modes.as_ref(), total), comm)
         }
     }
 }
@@ -126,8 +126,8 @@ pub fn segment_by_modes(
     modes: &Modes,
     comm: &Comm,
 ) -> Result<Segmentation> {
-    check(mesh, spec, comm)?;
-    compute(mesh, graph, spec, Some(modes), comm)
+    let total = check(mesh, spec, comm)?;
+    compute(mesh, graph, spec, (Some(modes), total), comm)
 }
 
 /// Whether there is something to refine by modes.
@@ -157,11 +157,9 @@ fn compute(
     mesh: &Mesh,
     graph: &mut Graph,
     spec: &SegmentSpec,
-    modes: Option<&Modes>,
+    (modes, total): (Option<&Modes>, i64),
     comm: &Comm,
 ) -> Result<Segmentation> {
-    let mut total = [mesh.n_cells() as i64];
-    comm.sum_i64(&mut total);
     let root = Root::gather(mesh, graph, comm)?;
     let first = match &root {
         Some(root) => partition::partition(&root.graph, spec.count, spec.connected),
@@ -170,11 +168,10 @@ fn compute(
     let first = comm.agree(first)?;
     let mut labels = Root::hand_out(root.as_ref(), &first, 1, comm);
     let mut sweeps = Vec::new();
-    if needs_modes(spec, total[0])
+    if needs_modes(spec, total)
         && let Some(modes) = modes
     {
-        let refined = slic::refine(mesh, spec, modes, comm, labels)?;
-        (labels, sweeps) = (refined.labels, refined.sweeps);
+        (labels, sweeps) = slic::refine(mesh, spec, modes, comm, labels)?;
     }
     let mut reassigned = vec![0i64];
     if spec.connected {

@@ -34,16 +34,8 @@ struct Features {
     tau: f64,
 }
 
-/// Segments after SLIC, and how it went.
-pub(super) struct Refined {
-    /// Segment of each of this rank's cells.
-    pub labels: Vec<i32>,
-    /// Cells that each sweep moved, over all ranks.
-    pub sweeps: Vec<usize>,
-}
-
-/// Moves cells between the `spec.count` segments of `labels` until none moves or the sweeps are used up.
-/// Collective.
+/// Moves cells between the `spec.count` segments of `labels`, one of each of this rank's cells, until none moves or the sweeps are used
+/// up; returns the labels, and how many cells of all ranks each sweep moved. Collective.
 ///
 /// A mode enters as S phi: a change of one root mean square of a mode counts as much as one cluster size; without
 /// `spec.scaled_modes` as phi. A cell goes to the nearest centroid if that is within S (Algorithm 2, line 28) and stays otherwise. A segment that
@@ -57,7 +49,7 @@ pub(super) fn refine(
     modes: &Modes,
     comm: &Comm,
     labels: Vec<i32>,
-) -> Result<Refined> {
+) -> Result<(Vec<i32>, Vec<usize>)> {
     let features = Features::new(mesh, spec, comm, &modes.vectors)?;
     Ok(features.sweep(mesh, comm, spec, labels))
 }
@@ -123,7 +115,13 @@ impl Features {
         &self.values[cell * self.width..(cell + 1) * self.width]
     }
 
-    fn sweep(&self, mesh: &Mesh, comm: &Comm, spec: &SegmentSpec, mut labels: Vec<i32>) -> Refined {
+    fn sweep(
+        &self,
+        mesh: &Mesh,
+        comm: &Comm,
+        spec: &SegmentSpec,
+        mut labels: Vec<i32>,
+    ) -> (Vec<i32>, Vec<usize>) {
         let mut sweeps = Vec::new();
         for _ in 0..spec.iterations {
             let centroids = self.centroids(comm, spec.count, &labels);
@@ -137,7 +135,7 @@ impl Features {
                 break;
             }
         }
-        Refined { labels, sweeps }
+        (labels, sweeps)
     }
 
     /// Means of each segment's features `[count x width]` (eq. 7). Collective.

@@ -13,53 +13,40 @@ const TOLERANCES: [i32; 3] = [30, 100, 200];
 /// METIS counts in 32 bits: sums of weights are scaled to stay below this.
 const LARGEST_SUM: f64 = (1 << 30) as f64;
 
-/// The undirected graph of segments in compressed rows, and each rank's share of the nodes.
+/// The undirected graph of segments, and each rank's share of the nodes.
 pub(super) struct SegmentGraph<'a> {
     pub sizes: &'a [f64],
     /// Nodes that each rank should have.
     pub shares: Vec<f64>,
-    row: Vec<usize>,
-    column: Vec<usize>,
-    /// Mesh edges between the two segments.
-    weight: Vec<f64>,
+    /// Segments that share mesh edges with each, and how many.
+    near: Vec<Vec<(usize, f64)>>,
 }
 
 impl<'a> SegmentGraph<'a> {
     pub fn new(sizes: &'a [f64], adjacency: &[f64], rank_weights: &[f64]) -> Result<Self> {
-        let (k, np) = (sizes.len(), rank_weights.len());
+        let k = sizes.len();
         super::check(sizes, adjacency, rank_weights)?;
         let total: f64 = sizes.iter().sum();
         let weights: f64 = rank_weights.iter().sum();
-        let mut graph = SegmentGraph {
+        let shared = |a: usize, b: usize| 0.5 * (adjacency[a * k + b] + adjacency[b * k + a]);
+        let near = |a: usize| {
+            let others = (0..k).filter(|&b| b != a).map(|b| (b, shared(a, b)));
+            others.filter(|(_, shared)| *shared > 0.0).collect()
+        };
+        Ok(SegmentGraph {
             sizes,
             shares: rank_weights.iter().map(|w| total * w / weights).collect(),
-            row: Vec::with_capacity(k + 1),
-            column: Vec::new(),
-            weight: Vec::new(),
-        };
-        graph.row.push(0);
-        for a in 0..k {
-            for b in (0..k).filter(|&b| b != a) {
-                let shared = 0.5 * (adjacency[a * k + b] + adjacency[b * k + a]);
-                if shared > 0.0 {
-                    graph.column.push(b);
-                    graph.weight.push(shared);
-                }
-            }
-            graph.row.push(graph.column.len());
-        }
-        debug_assert_eq!(graph.shares.len(), np);
-        Ok(graph)
+            near: (0..k).map(near).collect(),
+        })
     }
 
     pub fn has_edges(&self) -> bool {
-        !self.column.is_empty()
+        self.near.iter().any(|near| !near.is_empty())
     }
 
     /// Segments that share edges with this one, and how many.
     pub fn neighbours(&self, segment: usize) -> impl Iterator<Item = (usize, f64)> {
-        let range = self.row[segment]..self.row[segment + 1];
-        range.map(|e| (self.column[e], self.weight[e]))
+        self.near[segment].iter().copied()
     }
 
     /// METIS's answers that it did not fail on.
@@ -69,9 +56,14 @@ impl<'a> SegmentGraph<'a> {
             let factor = (LARGEST_SUM / sum.max(1.0)).min(1.0);
             values.iter().map(|v| ((v * factor).round() as i32).max(1)).collect()
         };
-        let index = |values: &[usize]| -> Vec<i32> { values.iter().map(|&v| v as i32).collect() };
-        let (row, column) = (index(&self.row), index(&self.column));
-        let (nodes, edges) = (scaled(self.sizes), scaled(&self.weight));
+        let (column, weight): (Vec<i32>, Vec<f64>) =
+            self.near.iter().flatten().map(|&(b, shared)| (b as i32, shared)).unzip();
+        let ends = self.near.iter().scan(0, |end, near| {
+            *end += near.len() as i32;
+            Some(*end)
+        });
+        let row: Vec<i32> = std::iter::once(0).chain(ends).collect();
+        let (nodes, edges) = (scaled(self.sizes), scaled(&weight));
         let total: f64 = self.shares.iter().sum();
         let targets: Vec<f32> = self.shares.iter().map(|s| (s / total) as f32).collect();
         let mut answers = Vec::new();
