@@ -39,6 +39,13 @@ pub struct Progress {
     pub from: Option<String>,
 }
 
+/// Name of [`Progress`] in the header.
+const ENTRY: &str = "m4gn_checkpoint";
+
+fn unusable(path: &Path, why: &str) -> Error {
+    Error::file(path, format!("not a usable checkpoint ({why}); delete it to start the training anew"))
+}
+
 /// A checkpoint in memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Checkpoint {
@@ -66,20 +73,8 @@ impl Checkpoint {
     /// # Errors
     /// [`Error::File`] naming the first that is not.
     pub fn check(&self, spec: &ModelSpec, weights: usize, path: &Path) -> Result<()> {
-        let damaged = |what: String| {
-            Error::file(
-                path,
-                format!("not a usable checkpoint ({what}); delete it to start the training anew"),
-            )
-        };
-        let tensors = [
-            ("weights", Some(&self.weights)),
-            ("first", Some(&self.first)),
-            ("second", Some(&self.second)),
-            ("average", self.average.as_ref()),
-            ("best", self.best.as_ref()),
-        ];
-        for (name, values) in tensors.into_iter().filter_map(|(n, v)| Some((n, v?))) {
+        let damaged = |what: String| unusable(path, &what);
+        for (name, values) in self.tensors() {
             if values.len() != weights {
                 let n = values.len();
                 return Err(damaged(format!("tensor `{name}`: {n} numbers, expected {weights}")));
@@ -96,30 +91,28 @@ impl Checkpoint {
         {
             return Err(damaged("the best weights are not complete".into()));
         }
-        for normaliser in [Some(&self.normaliser), self.best_normaliser.as_ref()].into_iter().flatten() {
+        for (_, normaliser) in self.normalisers() {
             normaliser.check(spec).map_err(|e| damaged(e.to_string()))?;
         }
         Ok(())
     }
-}
 
-const ENTRY: &str = "m4gn_checkpoint";
+    fn tensors(&self) -> impl Iterator<Item = (&'static str, &Vec<f32>)> {
+        let kept = [("weights", &self.weights), ("first", &self.first), ("second", &self.second)];
+        let average = self.average.as_ref().map(|a| ("average", a));
+        kept.into_iter().chain(average).chain(self.best.as_ref().map(|b| ("best", b)))
+    }
 
-impl Checkpoint {
+    fn normalisers(&self) -> impl Iterator<Item = (&'static str, &Normaliser)> {
+        std::iter::once(("", &self.normaliser)).chain(self.best_normaliser.as_ref().map(|n| ("best.", n)))
+    }
+
     /// Writes a temporary file and puts it in the place of the old one.
     pub fn write(&self, path: &Path) -> Result<()> {
         let mut arrays = Arrays::default();
-        for (name, values) in [
-            ("weights", Some(&self.weights)),
-            ("first", Some(&self.first)),
-            ("second", Some(&self.second)),
-            ("average", self.average.as_ref()),
-            ("best", self.best.as_ref()),
-        ] {
-            values.into_iter().for_each(|values| arrays.floats(name, values));
-        }
-        for (prefix, normaliser) in [("", Some(&self.normaliser)), ("best.", self.best_normaliser.as_ref())] {
-            for (name, m) in normaliser.iter().flat_map(|n| n.named()) {
+        self.tensors().for_each(|(name, values)| arrays.floats(name, values));
+        for (prefix, normaliser) in self.normalisers() {
+            for (name, m) in normaliser.named() {
                 arrays.doubles(&format!("{prefix}{name}.count"), &m.count);
                 arrays.doubles(&format!("{prefix}{name}.sum"), &m.sum);
                 arrays.doubles(&format!("{prefix}{name}.square"), &m.square);
@@ -130,9 +123,7 @@ impl Checkpoint {
 
     /// Reads a checkpoint back.
     pub fn read(path: &Path) -> Result<Self> {
-        let fail = |e: String| {
-            Error::file(path, format!("not a usable checkpoint ({e}); delete it to start the training anew"))
-        };
+        let fail = |e: String| unusable(path, &e);
         let bytes = files::read(path).map_err(|e| fail(e.to_string()))?;
         let (progress, file): (Progress, _) = TensorFile::parse(&bytes, ENTRY).map_err(&fail)?;
         if progress.version != VERSION {

@@ -140,9 +140,6 @@ impl Config {
 
     /// The model as far as it is known without data: directions, vectors and dimensions of the fields, and the node types, are
     /// stand-ins.
-    ///
-    /// # Errors
-    /// As [`Config::architecture`].
     pub(crate) fn draft(&self) -> Result<ModelSpec> {
         let fields = self.model.fields.iter().map(|f| FieldSpec {
             name: f.name.clone(),

@@ -39,9 +39,6 @@ impl Course {
 }
 
 /// What is to be told.
-///
-/// # Errors
-/// As [`m4gn_learn::samples::Sample::frame`].
 pub(super) fn notes(work: &Workload, spec: &ModelSpec, t: &TrainingConfig) -> Result<Vec<String>> {
     let courses = courses(work, spec)?;
     let mut notes = Vec::new();

@@ -21,9 +21,6 @@ pub(super) fn factor(old: &Architecture, new: &Architecture) -> Option<usize> {
 
 /// The model with each latent value `factor` times, side by side. What reads them shares its weight out among the copies,
 /// unequally, so that they learn different things; sums, norms and hence the outputs stay.
-///
-/// # Errors
-/// As [`Model::new`].
 pub(super) fn widen(mut model: Model, factor: usize, seed: u64) -> Result<Model> {
     if factor == 1 {
         return Ok(model);

@@ -30,18 +30,12 @@ impl Recorded {
     }
 
     /// Opens the file for a while.
-    ///
-    /// # Errors
-    /// As [`Trajectory::states`].
     fn open(&self) -> Result<States<'_>> {
         let names: Vec<&str> = self.fields.iter().map(|f| f.name.as_str()).collect();
         self.trajectory.states(&names)
     }
 
     /// All fields of a frame: cells, boundary faces, points of the obstacle `[nodes x components]`.
-    ///
-    /// # Errors
-    /// As [`States::read`].
     fn read(&self, states: &States, frame: usize) -> Result<Vec<f32>> {
         let (values, motion) = states.read(frame)?;
         let widths: Vec<usize> = self.fields.iter().map(|f| f.components(self.dim)).collect();

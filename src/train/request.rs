@@ -3,7 +3,7 @@
 use super::config::Config;
 use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// `m4gn train`'s arguments.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -16,28 +16,21 @@ pub struct Request {
     /// Model file to write.
     pub out: PathBuf,
     /// `cpu`, `cuda`, `cuda:0`.
-    #[serde(default)]
     pub device: Option<String>,
     /// Model to start from.
-    #[serde(default)]
     pub from: Option<PathBuf>,
     /// Carry on from the checkpoint beside `out`.
     #[serde(default)]
     pub resume: bool,
     /// Worker threads.
-    #[serde(default)]
     pub threads: Option<usize>,
     /// GB that the frames of each rank may take; half of what is free, shared by the machine's ranks, where it is not given.
-    #[serde(default)]
     pub memory: Option<f64>,
     /// Overrides `training.steps`; 0 with `from`: no training, but the ranges of the data in a copy of the model.
-    #[serde(default)]
     pub steps: Option<u64>,
     /// Overrides `training.seed`.
-    #[serde(default)]
     pub seed: Option<u64>,
     /// File for the figures.
-    #[serde(default)]
     pub json: Option<PathBuf>,
 }
 
@@ -84,15 +77,11 @@ impl Request {
 
     /// The checkpoint beside the model file.
     pub fn checkpoint(&self) -> PathBuf {
-        beside(&self.out, "checkpoint")
+        self.out.with_extension("checkpoint")
     }
 
     /// The log beside the model file.
     pub fn log(&self) -> PathBuf {
-        beside(&self.out, "csv")
+        self.out.with_extension("csv")
     }
-}
-
-fn beside(out: &Path, extension: &str) -> PathBuf {
-    out.with_extension(extension)
 }

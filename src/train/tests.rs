@@ -7,9 +7,9 @@ use m4gn_base::Error;
 use m4gn_learn::Workload;
 use m4gn_learn::normaliser::Normaliser;
 use m4gn_model::Model;
-use sample::{folder, losses, request};
+use sample::{folder, interrupt, losses, request};
 use std::path::Path;
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::AtomicU8;
 
 pub(super) fn run(request: &Request) -> Result<serde_json::Value> {
     train_native(request, &AtomicU8::new(0), &Comm::serial())
@@ -41,24 +41,10 @@ fn interrupted_anywhere_and_resumed_it_is_the_uninterrupted_one_bit_for_bit() {
         // Stopped after some rows of the log were written, three times, on one and two threads in turn.
         for part in 0..3u64 {
             parts.threads = Some(1 + (part as usize + round as usize) % 2);
-            let (stop, log) = (AtomicU8::new(0), parts.log());
-            let count = |log: &Path| std::fs::read_to_string(log).unwrap_or_default().lines().count() as u64;
-            let rows = count(&log).max(1) + (7 * round + 3 * part) % 3;
-            let outcome = std::thread::scope(|scope| {
-                let training = scope.spawn(|| train_native(&parts, &stop, &Comm::serial()));
-                while !training.is_finished() {
-                    if count(&log) > rows {
-                        stop.store(1, Ordering::Relaxed);
-                    }
-                    std::thread::yield_now();
-                }
-                training.join().unwrap()
-            });
-            match outcome {
-                Ok(_) => {}
-                Err(Error::Interrupted(message)) => assert!(message.contains("--resume"), "{message}"),
-                Err(other) => panic!("{other}"),
-            }
+            let lines = |text: &str| text.lines().count() as u64;
+            let before = std::fs::read_to_string(parts.log()).map_or(0, |text| lines(&text));
+            let rows = before.max(1) + (7 * round + 3 * part) % 3;
+            interrupt(&parts, |text| lines(text) > rows, |stop| train_native(&parts, stop, &Comm::serial()));
         }
         run(&parts).unwrap();
         assert!(state(&whole) == state(&parts), "round {round}: the weights differ");

@@ -160,6 +160,7 @@ fn describe(
 }
 
 impl Trainer<'_> {
+    /// The steps that are left, and the figures of the end.
     fn run(&mut self, stop: &AtomicU8, report: &Report) -> Result<serde_json::Value> {
         let fields: Vec<String> = self.predicted().map(String::from).collect();
         let open = || match self.comm.is_root() {
@@ -167,22 +168,6 @@ impl Trainer<'_> {
             false => Ok(None),
         };
         let mut journal = self.comm.agree(open())?;
-        self.steps(stop, report, &mut journal)
-    }
-
-    /// Names of the fields that have a loss and validations each; the best weights are best at the first one.
-    pub(super) fn predicted(&self) -> impl Iterator<Item = &str> {
-        let outputs = self.spec.fields.iter().filter(|f| f.output != Output::None);
-        outputs.map(|f| f.name.as_str())
-    }
-
-    /// The steps that are left, and the figures of the end.
-    fn steps(
-        &mut self,
-        stop: &AtomicU8,
-        report: &Report,
-        journal: &mut Option<Journal>,
-    ) -> Result<serde_json::Value> {
         let t = &self.config.training;
         let mut advice = Advice::default();
         report.begin(t.steps, self.progress.step);
@@ -215,10 +200,7 @@ impl Trainer<'_> {
             let validation = if validated { self.validate(report)? } else { Vec::new() };
             if validated || step.is_multiple_of(t.log_interval) {
                 let row = self.row(validation);
-                let written = match journal {
-                    Some(journal) => journal.append(&row),
-                    None => Ok(()),
-                };
+                let written = journal.as_mut().map_or(Ok(()), |journal| journal.append(&row));
                 self.comm.agree(written)?;
                 report.row(&row, &self.predicted().collect::<Vec<_>>());
                 if let Some(journal) = &journal {
@@ -237,6 +219,12 @@ impl Trainer<'_> {
         }
         report.end();
         self.summary(report)
+    }
+
+    /// Names of the fields that have a loss and validations each; the best weights are best at the first one.
+    pub(super) fn predicted(&self) -> impl Iterator<Item = &str> {
+        let outputs = self.spec.fields.iter().filter(|f| f.output != Output::None);
+        outputs.map(|f| f.name.as_str())
     }
 
     /// Loss and gradient of the batch of a step, of all ranks together. Collective.

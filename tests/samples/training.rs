@@ -1,11 +1,12 @@
 //! Small synthetic trajectories and configurations, for tests.
 
-use m4gn_base::Result;
+use m4gn_base::{Error, Result};
 use m4gn_data::{FieldMeta, Frame, Split, WriteOptions, Writer};
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_samples::mesh::{flow, triangles};
 use m4gn_train::Request;
 use std::path::Path;
+use std::sync::atomic::{AtomicU8, Ordering};
 
 /// A folder with three trajectories in `data`.
 ///
@@ -149,5 +150,31 @@ pub fn request(folder: &Path, name: &str, training: &str, steps: u64) -> Request
         seed: None,
         json: Some(folder.join(format!("{name}.json"))),
         memory: None,
+    }
+}
+
+/// Runs a training and stops it once its log is as `until` says, unless it has ended before.
+///
+/// # Panics
+/// Where it fails.
+pub fn interrupt(
+    request: &Request,
+    until: impl Fn(&str) -> bool,
+    train: impl FnOnce(&AtomicU8) -> Result<serde_json::Value> + Send,
+) {
+    let (stop, log) = (AtomicU8::new(0), request.log());
+    let outcome = std::thread::scope(|scope| {
+        let training = scope.spawn(|| train(&stop));
+        while !training.is_finished() {
+            if std::fs::read_to_string(&log).is_ok_and(|text| until(&text)) {
+                stop.store(1, Ordering::Relaxed);
+            }
+            std::thread::yield_now();
+        }
+        training.join().unwrap()
+    });
+    match outcome {
+        Err(Error::Interrupted(message)) => assert!(message.contains("--resume"), "{message}"),
+        other => drop(other.unwrap()),
     }
 }
