@@ -190,7 +190,7 @@ impl<'a> Network<'a> {
             features += float(&self.mlp("encoder.position", walk));
         }
         let h = self.encode("encoder.node", &features);
-        let rows = processor::of(self.architecture).run(self, graph, h, edges);
+        let rows = processor::run(self, graph, h, edges);
         float(&self.mlp("decoder", &rows))
     }
 

@@ -1,115 +1,88 @@
-//! What stands between the encoder of the nodes and the decoder, on libtorch: one implementation a kind of network.
+//! What stands between the encoder of the nodes and the decoder, on libtorch: one function a kind of network.
 
 use crate::contact::host;
 use crate::network::{Links, Network, Rows, Topology, pick, sum_into};
-use m4gn_model::{Architecture, Kind, M4gn};
+use m4gn_model::{Kind, M4gn};
 use m4gn_structure::Pooled;
 use tch::Tensor;
 
-/// The network between its encoder and its decoder.
-pub trait Processor {
-    /// From the nodes' latents and the normalised edge features to what the decoder reads, a row a cell.
-    fn run(&self, network: &Network, graph: &Topology, h: Rows, edges: &Tensor) -> Tensor;
-}
-
-/// The processor of an architecture.
-pub fn of(architecture: &Architecture) -> Box<dyn Processor + '_> {
-    match &architecture.kind {
-        Kind::M4gn(m) | Kind::Eagle(m) => Box::new(WithSegments(m)),
-        Kind::MeshGraphNet { layers } => Box::new(Messages(*layers)),
-        Kind::Gcn { layers } => Box::new(Convolutions(*layers)),
-        Kind::BsmsGnn { levels } => Box::new(BiStride(*levels)),
-        Kind::GUNet { levels } => Box::new(GraphUNet(*levels)),
-    }
+/// From the nodes' latents and the normalised edge features to what the decoder reads, a row a cell.
+pub fn run(network: &Network, graph: &Topology, h: Rows, edges: &Tensor) -> Tensor {
+    let rows = match &network.architecture().kind {
+        Kind::M4gn(m) | Kind::Eagle(m) => with_segments(m, network, graph, h, edges),
+        Kind::MeshGraphNet { layers } => messages(*layers, network, graph, h, edges),
+        Kind::Gcn { layers } => convolutions(*layers, network, graph, h.full),
+        Kind::BsmsGnn { levels } => bi_stride(*levels, network, graph, h, edges),
+        Kind::GUNet { levels } => graph_u_net(*levels, network, graph, h, edges),
+    };
+    rows.narrow(0, 0, graph.cells)
 }
 
 /// Message passing (eq. 2, 3) around the macro stage (eq. 9 to 13), or EAGLE's (Janny et al. 2023).
-struct WithSegments<'a>(&'a M4gn);
-
-impl Processor for WithSegments<'_> {
-    fn run(&self, network: &Network, graph: &Topology, mut h: Rows, edges: &Tensor) -> Tensor {
-        let m = self.0;
-        let mut e = network.encode_edges(graph, edges);
-        for l in 0..m.layers_before {
-            network.message_passing(l, graph, &mut h, &mut e);
-        }
-        let segments = network.segment_transformer(&m.segment_transformer, graph, &h.full);
-        let context = network.to_nodes(graph, &segments);
-        if m.layers_after > 0 {
-            h = network.dispatch(&h, &context);
-        }
-        for l in m.layers_before..m.layers_before + m.layers_after {
-            network.message_passing(l, graph, &mut h, &mut e);
-        }
-        let cells = |rows: &Tensor| rows.narrow(0, 0, graph.cells);
-        match network.architecture().decodes_segments() {
-            true => Tensor::cat(&[cells(&h.full), cells(&context)], 1),
-            false => cells(&h.full),
-        }
+fn with_segments(m: &M4gn, network: &Network, graph: &Topology, mut h: Rows, edges: &Tensor) -> Tensor {
+    let mut e = network.encode_edges(graph, edges);
+    for l in 0..m.layers_before {
+        network.message_passing(l, graph, &mut h, &mut e);
+    }
+    let segments = network.segment_transformer(&m.segment_transformer, graph, &h.full);
+    let context = network.to_nodes(graph, &segments);
+    if m.layers_after > 0 {
+        h = network.dispatch(&h, &context);
+    }
+    for l in m.layers_before..m.layers_before + m.layers_after {
+        network.message_passing(l, graph, &mut h, &mut e);
+    }
+    match network.architecture().decodes_segments() {
+        true => Tensor::cat(&[h.full, context], 1),
+        false => h.full,
     }
 }
 
-/// Message passing alone, in so many layers.
-struct Messages(usize);
-
-impl Processor for Messages {
-    fn run(&self, network: &Network, graph: &Topology, mut h: Rows, edges: &Tensor) -> Tensor {
-        let mut e = network.encode_edges(graph, edges);
-        for l in 0..self.0 {
-            network.message_passing(l, graph, &mut h, &mut e);
-        }
-        h.full.narrow(0, 0, graph.cells)
+/// Message passing alone.
+fn messages(layers: usize, network: &Network, graph: &Topology, mut h: Rows, edges: &Tensor) -> Tensor {
+    let mut e = network.encode_edges(graph, edges);
+    for l in 0..layers {
+        network.message_passing(l, graph, &mut h, &mut e);
     }
+    h.full
 }
 
-/// Graph convolutions (Kipf & Welling 2016), so many.
-struct Convolutions(usize);
-
-impl Processor for Convolutions {
-    fn run(&self, network: &Network, graph: &Topology, h: Rows, _: &Tensor) -> Tensor {
-        let ones = Tensor::ones([graph.receivers.size()[0], 1], (h.full.kind(), h.full.device()));
-        let scale: Tensor = (sum_into(graph.nodes, &ones, &graph.receivers) + 1.0).rsqrt();
-        let mut h = h.full;
-        for l in 0..self.0 {
-            let scaled = h * &scale;
-            let sums = sum_into(graph.nodes, &pick(&scaled, &graph.senders), &graph.receivers);
-            h = network.convolution(l, &((scaled + sums) * &scale));
-        }
-        h.narrow(0, 0, graph.cells)
+/// Graph convolutions (Kipf & Welling 2016).
+fn convolutions(layers: usize, network: &Network, graph: &Topology, mut h: Tensor) -> Tensor {
+    let ones = Tensor::ones([graph.receivers.size()[0], 1], (h.kind(), h.device()));
+    let scale: Tensor = (sum_into(graph.nodes, &ones, &graph.receivers) + 1.0).rsqrt();
+    for l in 0..layers {
+        let scaled = h * &scale;
+        let sums = sum_into(graph.nodes, &pick(&scaled, &graph.senders), &graph.receivers);
+        h = network.convolution(l, &((scaled + sums) * &scale));
     }
+    h
 }
 
-/// BSMS-GNN (Cao et al. 2023), on so many coarser graphs.
-struct BiStride(usize);
-
-impl Processor for BiStride {
-    fn run(&self, network: &Network, graph: &Topology, mut h: Rows, edges: &Tensor) -> Tensor {
-        let links: Vec<_> =
-            std::iter::once(graph.links()).chain(graph.levels.iter().map(|l| l.links())).collect();
-        let counts: Vec<i64> = links.iter().map(|l| l.senders.size()[0]).collect();
-        let features = edges.split_with_sizes(&counts[..], 0);
-        let mut left = Vec::new();
-        for (l, links) in links.iter().enumerate() {
-            network.feature_passing(l, *links, &mut h, &features[l]);
-            if let Some(level) = graph.levels.get(l) {
-                let terms = pick(&h.full, &level.finer) * &level.share;
-                left.push(h.full);
-                h = network.rows(sum_into(level.nodes, &terms, &level.coarse));
-            }
+/// BSMS-GNN (Cao et al. 2023).
+fn bi_stride(levels: usize, network: &Network, graph: &Topology, mut h: Rows, edges: &Tensor) -> Tensor {
+    let links: Vec<_> =
+        std::iter::once(graph.links()).chain(graph.levels.iter().map(|l| l.links())).collect();
+    let counts: Vec<i64> = links.iter().map(|l| l.senders.size()[0]).collect();
+    let features = edges.split_with_sizes(&counts[..], 0);
+    let mut left = Vec::new();
+    for (l, links) in links.iter().enumerate() {
+        network.feature_passing(l, *links, &mut h, &features[l]);
+        if let Some(level) = graph.levels.get(l) {
+            let terms = pick(&h.full, &level.finer) * &level.share;
+            left.push(h.full);
+            h = network.rows(sum_into(level.nodes, &terms, &level.coarse));
         }
-        for (l, before) in left.iter().enumerate().rev() {
-            let level = &graph.levels[l];
-            let terms = pick(&h.full, &level.coarse) * &level.share;
-            h = network.rows(sum_into(links[l].nodes, &terms, &level.finer));
-            network.feature_passing(2 * self.0 - l, links[l], &mut h, &features[l]);
-            h = network.rows(h.full + before);
-        }
-        h.full.narrow(0, 0, graph.cells)
     }
+    for (l, before) in left.iter().enumerate().rev() {
+        let level = &graph.levels[l];
+        let terms = pick(&h.full, &level.coarse) * &level.share;
+        h = network.rows(sum_into(links[l].nodes, &terms, &level.finer));
+        network.feature_passing(2 * levels - l, links[l], &mut h, &features[l]);
+        h = network.rows(h.full + before);
+    }
+    h.full
 }
-
-/// g-U-Net (Gao and Ji 2019), on so many coarser graphs.
-struct GraphUNet(usize);
 
 /// A graph as it is at a step, its features, and which nodes of the finer one it has.
 struct Floor {
@@ -151,39 +124,37 @@ impl Floor {
     }
 }
 
-impl Processor for GraphUNet {
-    fn run(&self, network: &Network, graph: &Topology, mut h: Rows, edges: &Tensor) -> Tensor {
-        let list =
-            |t: &Tensor| Vec::<i64>::try_from(t).unwrap_or_default().iter().map(|&i| i as i32).collect();
-        let mut floors = vec![Floor {
-            nodes: graph.nodes,
-            ends: [list(&graph.senders), list(&graph.receivers)],
-            senders: graph.senders.shallow_clone(),
-            receivers: graph.receivers.shallow_clone(),
-            features: edges.shallow_clone(),
-            part: graph.part.clone(),
-            kept: None,
-        }];
-        let mut left = Vec::new();
-        for l in 0..=self.0 {
-            network.feature_passing(l, floors[l].links(), &mut h, &floors[l].features);
-            if l < self.0 {
-                let scores = network.scores(l, &h);
-                let below = floors[l].below(&scores.detach().view([-1]));
-                if let Some(kept) = &below.kept {
-                    left.push(h.full.shallow_clone());
-                    h = network.rows(pick(&h.full, kept) * pick(&scores, kept).tanh());
-                }
-                floors.push(below);
+/// g-U-Net (Gao and Ji 2019).
+fn graph_u_net(levels: usize, network: &Network, graph: &Topology, mut h: Rows, edges: &Tensor) -> Tensor {
+    let list = |t: &Tensor| Vec::<i64>::try_from(t).unwrap_or_default().iter().map(|&i| i as i32).collect();
+    let mut floors = vec![Floor {
+        nodes: graph.nodes,
+        ends: [list(&graph.senders), list(&graph.receivers)],
+        senders: graph.senders.shallow_clone(),
+        receivers: graph.receivers.shallow_clone(),
+        features: edges.shallow_clone(),
+        part: graph.part.clone(),
+        kept: None,
+    }];
+    let mut left = Vec::new();
+    for l in 0..=levels {
+        network.feature_passing(l, floors[l].links(), &mut h, &floors[l].features);
+        if l < levels {
+            let scores = network.scores(l, &h);
+            let below = floors[l].below(&scores.detach().view([-1]));
+            if let Some(kept) = &below.kept {
+                left.push(h.full.shallow_clone());
+                h = network.rows(pick(&h.full, kept) * pick(&scores, kept).tanh());
             }
+            floors.push(below);
         }
-        for (l, before) in left.iter().enumerate().rev() {
-            let floor = &floors[l];
-            if let Some(kept) = &floors[l + 1].kept {
-                h = network.rows(before + sum_into(floor.nodes, &h.full, kept));
-            }
-            network.feature_passing(2 * self.0 - l, floor.links(), &mut h, &floor.features);
-        }
-        h.full.narrow(0, 0, graph.cells)
     }
+    for (l, before) in left.iter().enumerate().rev() {
+        let floor = &floors[l];
+        if let Some(kept) = &floors[l + 1].kept {
+            h = network.rows(before + sum_into(floor.nodes, &h.full, kept));
+        }
+        network.feature_passing(2 * levels - l, floor.links(), &mut h, &floor.features);
+    }
+    h.full
 }
