@@ -6,36 +6,21 @@ use m4gn_base::{Error, Result};
 use m4gn_domain::{Domain, MeshEdge, moves};
 use m4gn_mesh::NodeType;
 use m4gn_model::ModelSpec;
-use m4gn_structure::{Segmentation, Structure};
+use m4gn_structure::Structure;
 use std::sync::Arc;
 use tch::{Device, Kind, Tensor};
 
-/// Index lists and features of one graph on the host, from which unions are made.
+/// A graph on the host, with what a network reads of it, from which unions are made.
 #[derive(Clone)]
 pub struct HostGraph {
     /// Cells.
     pub cells: usize,
     /// Boundary nodes.
     pub boundary: usize,
-    /// Segments, K.
-    pub segments: usize,
-    /// Senders, receivers: node numbers with cells first.
-    senders: Vec<i64>,
-    receivers: Vec<i64>,
-    /// Rows of [`edge_width`]: features, or, of a body, positions of the senders from the receivers at rest.
-    edges: Vec<f32>,
-    /// Node features that do not change with time: one-hot type, offset from the segment's centroid.
-    fixed: Vec<f32>,
-    member_node: Vec<i64>,
-    member_segment: Vec<i64>,
-    segment_weight: Vec<f32>,
-    node_weight: Vec<f32>,
-    /// Of each segment the nodes in the order in which they are read; none where the network reads none.
-    sequence: Vec<Vec<i64>>,
-    position: Vec<f32>,
-    levels: Vec<m4gn_structure::Level>,
-    /// Positional encoding of the nodes.
-    walk: Vec<f32>,
+    /// Its edges have rows of [`edge_width`]: features, or, of a body, positions of the senders from the receivers at rest.
+    structure: Structure,
+    /// Place of each node's type among the model's.
+    types: Vec<usize>,
 }
 
 /// One recorded trajectory.
@@ -65,74 +50,49 @@ pub fn edge_width(spec: &ModelSpec) -> usize {
 }
 
 impl HostGraph {
-    /// Turns a serial structure into index lists.
+    /// Of a serial structure.
     ///
     /// Errors: [`Error::Model`] for a node type that the model does not know, or segments without what it reads of them.
     pub fn new(structure: &Structure, spec: &ModelSpec) -> Result<Self> {
-        let (graph, segments) = (&structure.graph, structure.segments_for(spec.architecture.needs())?);
-        let none = Segmentation::default();
-        let segments = segments.unwrap_or(&none);
-        let nodes = graph.n_owned;
-        let (width, n_offsets) = (spec.n_static_features(), spec.n_offset_features());
-        let expected = (segments.count * spec.n_position_features(), nodes * n_offsets);
-        if (segments.position.len(), segments.offsets.len()) != expected {
-            return Err(Error::Model(format!(
-                "{} positional features and {} offsets of the segments: the model needs {} and {}",
-                segments.position.len(),
-                segments.offsets.len(),
-                expected.0,
-                expected.1
-            )));
+        let (graph, needs) = (&structure.graph, spec.architecture.needs());
+        let segments = structure.segments_for(needs)?;
+        if let Some(s) = segments {
+            let found = (s.position.len(), s.offsets.len());
+            let expected = (s.count * spec.n_position_features(), graph.n_owned * spec.n_offset_features());
+            if found != expected {
+                return Err(Error::Model(format!(
+                    "{} positional features and {} offsets of the segments: the model needs {} and {}",
+                    found.0, found.1, expected.0, expected.1
+                )));
+            }
         }
-        let mut fixed = vec![0.0; nodes * width];
-        for (node, &code) in graph.node_types[..nodes].iter().enumerate() {
+        let place = |&code: &i32| {
             let kind = NodeType::from_code(code)?;
-            let at = spec.node_types.iter().position(|&t| t == kind).ok_or_else(|| {
+            spec.node_types.iter().position(|&t| t == kind).ok_or_else(|| {
                 let known: Vec<&str> = spec.node_types.iter().map(|t| t.name()).collect();
                 Error::Model(format!("a node of type {}: the model knows {}", kind.name(), known.join(", ")))
-            })?;
-            fixed[node * width + at] = 1.0;
-            fixed[node * width + width - n_offsets..][..n_offsets]
-                .copy_from_slice(&segments.offsets[node * n_offsets..][..n_offsets]);
-        }
-        let mut member_node = Vec::new();
-        let mut node_weight = Vec::with_capacity(nodes);
-        for node in 0..nodes {
-            let row = |i: usize| segments.member_row.get(i).map_or(0, |&r| r as usize);
-            let members = row(node)..row(node + 1);
-            member_node.extend(members.clone().map(|_| node as i64));
-            node_weight.push(1.0 / members.len().max(1) as f32);
-        }
-        let sequence = structure.sequence_for(spec.architecture.needs())?;
-        let read = |s: &m4gn_structure::Sequence| -> Vec<Vec<i64>> {
-            let rows = s.row.windows(2).map(|w| &s.node[w[0] as usize..w[1] as usize]);
-            rows.map(|nodes| nodes.iter().map(|&i| i64::from(i)).collect()).collect()
+            })
         };
-        let weight = |&n: &f64| if n > 0.0 { (1.0 / n) as f32 } else { 0.0 };
         Ok(HostGraph {
             cells: graph.n_cells,
-            boundary: nodes - graph.n_cells,
-            segments: segments.count,
-            senders: graph.senders.iter().map(|&i| i64::from(i)).collect(),
-            receivers: graph.receivers.iter().map(|&i| i64::from(i)).collect(),
-            edges: graph.edge_features.clone(),
-            fixed,
-            member_node,
-            member_segment: segments.member.iter().map(|&s| i64::from(s)).collect(),
-            segment_weight: segments.sizes.iter().map(weight).collect(),
-            node_weight,
-            sequence: sequence.map_or(Vec::new(), read),
-            position: segments.position.clone(),
-            levels: structure.levels_for(spec.architecture.needs())?.to_vec(),
-            walk: structure.walk_for(spec.architecture.needs())?.to_vec(),
+            boundary: graph.n_owned - graph.n_cells,
+            types: graph.node_types[..graph.n_owned].iter().map(place).collect::<Result<_>>()?,
+            structure: Structure {
+                graph: graph.clone(),
+                segments: segments.cloned(),
+                sequence: structure.sequence_for(needs)?.cloned(),
+                levels: structure.levels_for(needs)?.to_vec(),
+                walk: structure.walk_for(needs)?.to_vec(),
+            },
         })
     }
 
     /// Takes the edges of a body's mesh, which stay, in place of those of its graph at rest, where world edges are among them.
     fn set_edges(&mut self, edges: &[MeshEdge]) {
-        self.senders = edges.iter().map(|e| i64::from(e.sender)).collect();
-        self.receivers = edges.iter().map(|e| i64::from(e.receiver)).collect();
-        self.edges = edges.iter().flat_map(|e| e.rest.map(|v| v as f32)).collect();
+        let graph = &mut self.structure.graph;
+        graph.senders = edges.iter().map(|e| e.sender).collect();
+        graph.receivers = edges.iter().map(|e| e.receiver).collect();
+        graph.edge_features = edges.iter().flat_map(|e| e.rest.map(|v| v as f32)).collect();
     }
 
     /// The disjoint union of graphs: all their cells, then all their boundary nodes.
@@ -140,36 +100,47 @@ impl HostGraph {
         let cells: usize = graphs.iter().map(|g| g.cells).sum();
         let nodes = cells + graphs.iter().map(|g| g.boundary).sum::<usize>();
         let width = spec.n_static_features();
-        let count = graphs.first().map_or(0, |g| g.segments);
+        let count = graphs.first().map_or(0, |g| g.structure.n_segments());
         let (mut first_cell, mut first_boundary) = (0, cells);
         let (mut senders, mut receivers, mut edges) = (vec![], vec![], vec![]);
         let (mut member_node, mut member_segment) = (vec![], vec![]);
         let (mut segment_weight, mut position) = (vec![], vec![]);
         let mut sequences: Vec<Vec<i64>> = Vec::new();
-        let (mut fixed, mut node_weight) = (vec![0f32; nodes * width], vec![0f32; nodes]);
+        let (mut fixed, mut node_weight) = (vec![0f32; nodes * width], vec![1f32; nodes]);
         let mut part = vec![0; nodes];
-        let steps = spec.architecture.micro.node_rwse_steps;
+        let (steps, n_offsets) = (spec.architecture.micro.node_rwse_steps, spec.n_offset_features());
         let mut walk = vec![0f32; nodes * steps];
         for (g, graph) in graphs.iter().enumerate() {
-            let place = |node: i64| {
-                let node = node as usize;
-                (if node < graph.cells { first_cell + node } else { first_boundary + node - graph.cells })
-                    as i64
+            let Structure { graph: own, segments, sequence, walk: of_nodes, .. } = &graph.structure;
+            let place = |node: usize| match node < graph.cells {
+                true => first_cell + node,
+                false => first_boundary + node - graph.cells,
             };
-            senders.extend(graph.senders.iter().map(|&n| place(n)));
-            receivers.extend(graph.receivers.iter().map(|&n| place(n)));
-            edges.extend_from_slice(&graph.edges);
-            member_node.extend(graph.member_node.iter().map(|&n| place(n)));
-            member_segment.extend(graph.member_segment.iter().map(|&s| s + (g * count) as i64));
-            sequences.extend(graph.sequence.iter().map(|s| s.iter().map(|&n| place(n)).collect()));
-            segment_weight.extend_from_slice(&graph.segment_weight);
-            position.extend_from_slice(&graph.position);
-            for node in 0..graph.cells + graph.boundary {
-                let to = place(node as i64) as usize;
+            let placed =
+                |list: &[i32]| -> Vec<i64> { list.iter().map(|&n| place(n as usize) as i64).collect() };
+            senders.extend(placed(&own.senders));
+            receivers.extend(placed(&own.receivers));
+            edges.extend_from_slice(&own.edge_features);
+            for (node, &kind) in graph.types.iter().enumerate() {
+                let to = place(node);
                 part[to] = g as u32;
-                node_weight[to] = graph.node_weight[node];
-                fixed[to * width..][..width].copy_from_slice(&graph.fixed[node * width..][..width]);
-                walk[to * steps..][..steps].copy_from_slice(&graph.walk[node * steps..][..steps]);
+                fixed[to * width + kind] = 1.0;
+                walk[to * steps..][..steps].copy_from_slice(&of_nodes[node * steps..][..steps]);
+            }
+            if let Some(s) = segments {
+                for (node, row) in s.member_row.windows(2).enumerate() {
+                    let (to, members) = (place(node), &s.member[row[0] as usize..row[1] as usize]);
+                    member_node.extend(members.iter().map(|_| to as i64));
+                    member_segment.extend(members.iter().map(|&m| (g * count) as i64 + i64::from(m)));
+                    node_weight[to] = 1.0 / members.len().max(1) as f32;
+                    fixed[(to + 1) * width - n_offsets..][..n_offsets]
+                        .copy_from_slice(&s.offsets[node * n_offsets..][..n_offsets]);
+                }
+                segment_weight.extend(s.sizes.iter().map(|&n| if n > 0.0 { (1.0 / n) as f32 } else { 0.0 }));
+                position.extend_from_slice(&s.position);
+            }
+            if let Some(s) = sequence {
+                sequences.extend(s.row.windows(2).map(|w| placed(&s.node[w[0] as usize..w[1] as usize])));
             }
             first_cell += graph.cells;
             first_boundary += graph.boundary;
@@ -223,7 +194,7 @@ impl HostGraph {
             let (mut senders, mut receivers, mut finer, mut coarse) = (vec![], vec![], vec![], vec![]);
             let (mut share, mut nodes) = (Vec::new(), 0);
             for (places, g) in finer_place.iter_mut().zip(graphs) {
-                let m4gn_structure::Level { graph, down, .. } = &g.levels[l];
+                let m4gn_structure::Level { graph, down, .. } = &g.structure.levels[l];
                 senders.extend(graph.senders.iter().map(|&s| nodes + i64::from(s)));
                 receivers.extend(graph.receivers.iter().map(|&r| nodes + i64::from(r)));
                 let features = graph.edge_features.len() / graph.senders.len().max(1);
@@ -246,7 +217,7 @@ impl HostGraph {
                 share: Tensor::from_slice(&share).view([-1, 1]).to_device(device),
             }
         };
-        (0..graphs.first().map_or(0, |g| g.levels.len())).map(level).collect()
+        (0..graphs.first().map_or(0, |g| g.structure.levels.len())).map(level).collect()
     }
 }
 
