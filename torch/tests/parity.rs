@@ -4,7 +4,7 @@
 use m4gn_engine::{Engine, EngineOptions, Forward};
 use m4gn_mesh::Mesh;
 use m4gn_model::{
-    Activation, Architecture, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, NodeSums, SegmentMethod,
+    Activation, Architecture, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, NodeSums, SegmentMethod,
     SegmentSpec,
 };
 use m4gn_parallel::Comm;
@@ -14,7 +14,7 @@ use m4gn_torch::inference::Inference;
 use m4gn_torch::network::{Network, Topology};
 use m4gn_torch::samples::HostGraph;
 use m4gn_torch::weights::Layout;
-use tch::{Device, Kind, Tensor};
+use tch::{Device, Tensor};
 
 fn spec(architecture: Architecture, overlap: usize) -> ModelSpec {
     ModelSpec {
@@ -39,18 +39,16 @@ fn host(spec: &ModelSpec, mesh: &Mesh) -> HostGraph {
 fn whole(width: usize) -> ModelSpec {
     let stage =
         MacroSpec { layers: 2, heads: 4, ffn_width: 48, rwse_steps: 3, centroids: true, offsets: true };
-    let architecture = Architecture {
-        width,
-        hidden_layers: 1,
-        activation: Activation::Relu,
-        micro: MicroSpec::default(),
-        kind: m4gn_model::Kind::M4gn(M4gn { layers_before: 2, layers_after: 2, segment_transformer: stage }),
-    };
-    spec(architecture, 1)
+    let kind = Kind::M4gn(M4gn { layers_before: 2, layers_after: 2, segment_transformer: stage });
+    spec(network(width, 1, Activation::Relu, kind), 1)
+}
+
+fn network(width: usize, hidden_layers: usize, activation: Activation, kind: Kind) -> Architecture {
+    Architecture { width, hidden_layers, activation, micro: MicroSpec::default(), kind }
 }
 
 fn fields(nodes: i64) -> Tensor {
-    (Tensor::arange(nodes * 3, (Kind::Float, Device::Cpu)) * 0.37).sin().view([nodes, 3])
+    (Tensor::arange(nodes * 3, (tch::Kind::Float, Device::Cpu)) * 0.37).sin().view([nodes, 3])
 }
 
 /// Outputs and the gradient of their mean square.
@@ -61,7 +59,7 @@ fn pass(spec: &ModelSpec, graph: &Topology, half: bool) -> (Tensor, Tensor) {
     let weights = layout.views(&leaf, half);
     let network = Network::new(&spec.architecture, &weights);
     let output = network.forward(graph, &fields(graph.nodes), &(&graph.edges * 20.0));
-    output.square().mean(Kind::Float).backward();
+    output.square().mean(tch::Kind::Float).backward();
     (output.detach(), leaf.grad())
 }
 
@@ -131,35 +129,29 @@ fn difference(spec: &ModelSpec) -> f64 {
 
 #[test]
 fn native_engine_and_tch_model_agree() {
-    let network = |kind: m4gn_model::Kind, activation, hidden_layers| Architecture {
-        width: 32,
-        hidden_layers,
-        activation,
-        micro: MicroSpec::default(),
-        kind,
-    };
-    let m4gn = |layers_before, layers_after, segment_transformer| {
-        m4gn_model::Kind::M4gn(M4gn { layers_before, layers_after, segment_transformer })
-    };
-    let eagle = |layers_before, layers_after, segment_transformer| {
-        m4gn_model::Kind::Eagle(M4gn { layers_before, layers_after, segment_transformer })
-    };
     let stage = |layers, rwse_steps| {
         let geometry = rwse_steps > 0;
         MacroSpec { layers, heads: 4, ffn_width: 48, rwse_steps, centroids: geometry, offsets: geometry }
     };
-    for (architecture, overlap) in [
-        (network(m4gn_model::Kind::MeshGraphNet { layers: 3 }, Activation::Relu, 1), 0),
-        (network(m4gn_model::Kind::Gcn { layers: 2 }, Activation::Silu, 1), 0),
-        (network(m4gn_model::Kind::BsmsGnn { levels: 3 }, Activation::Relu, 2), 0),
-        (network(m4gn_model::Kind::BsmsGnn { levels: 9 }, Activation::Silu, 1), 0),
-        (network(m4gn_model::Kind::GUNet { levels: 4 }, Activation::Silu, 1), 0),
-        (network(eagle(2, 1, stage(2, 3)), Activation::Relu, 1), 0),
-        (network(eagle(1, 2, stage(1, 0)), Activation::Silu, 2), 2),
-        (network(m4gn(3, 0, stage(2, 0)), Activation::Relu, 2), 0),
-        (network(m4gn(2, 2, stage(2, 5)), Activation::Silu, 1), 0),
-        (network(m4gn(2, 1, stage(1, 0)), Activation::Relu, 1), 2),
+    let around = |layers_before, layers_after, segment_transformer| M4gn {
+        layers_before,
+        layers_after,
+        segment_transformer,
+    };
+    let (relu, silu) = (Activation::Relu, Activation::Silu);
+    for (kind, activation, hidden_layers, overlap) in [
+        (Kind::MeshGraphNet { layers: 3 }, relu, 1, 0),
+        (Kind::Gcn { layers: 2 }, silu, 1, 0),
+        (Kind::BsmsGnn { levels: 3 }, relu, 2, 0),
+        (Kind::BsmsGnn { levels: 9 }, silu, 1, 0),
+        (Kind::GUNet { levels: 4 }, silu, 1, 0),
+        (Kind::Eagle(around(2, 1, stage(2, 3))), relu, 1, 0),
+        (Kind::Eagle(around(1, 2, stage(1, 0))), silu, 2, 2),
+        (Kind::M4gn(around(3, 0, stage(2, 0))), relu, 2, 0),
+        (Kind::M4gn(around(2, 2, stage(2, 5))), silu, 1, 0),
+        (Kind::M4gn(around(2, 1, stage(1, 0))), relu, 1, 2),
     ] {
+        let architecture = network(32, hidden_layers, activation, kind);
         let none = MicroSpec::default();
         let [before, walk] =
             [MicroSpec { node_sums: NodeSums::Before, ..none }, MicroSpec { node_rwse_steps: 6, ..none }];
