@@ -13,7 +13,6 @@ use m4gn_model::{Model, ModelSpec};
 use m4gn_structure::Structure;
 
 /// A perceptron on features, with a layer norm at the end (eq. 1).
-#[derive(Debug)]
 pub struct Encoder<T> {
     isa: Isa,
     /// Of the features.
@@ -35,7 +34,6 @@ impl<T: Number> Encoder<T> {
         })
     }
 
-    /// Bytes of the weights.
     pub fn bytes(&self) -> usize {
         self.first.bytes() + self.tail.bytes()
     }
@@ -51,15 +49,8 @@ impl<T: Number> Encoder<T> {
         out: Normed<T>,
     ) {
         let size = n * self.columns;
-        product(
-            self.isa,
-            &self.first,
-            (features, stride),
-            n,
-            addend,
-            self.tail.function(),
-            Output::Wide(&mut c[..size]),
-        );
+        let wide = Output::Wide(&mut c[..size]);
+        product(self.isa, &self.first, (features, stride), n, addend, self.tail.function(), wide);
         narrow(self.isa, &c[..size], &mut a[..size]);
         self.tail.run(self.isa, n, a, b, c);
         layer_norm(self.isa, &self.norm, c, n, out);
@@ -68,7 +59,6 @@ impl<T: Number> Encoder<T> {
 
 /// What the node features that do not change with time contribute to the first layer of the node encoder, with its
 /// bias: a row a node type, or a row a node where the model reads offsets, or encodes the nodes' positions.
-#[derive(Debug)]
 pub struct Fixed {
     /// Rows of the padded width.
     pub rows: Vec<f32>,
@@ -126,7 +116,6 @@ impl Fixed {
         Ok(Fixed { rows, row: (0..kinds.len() as u32).collect() })
     }
 
-    /// Bytes.
     pub fn bytes(&self) -> usize {
         4 * (self.rows.capacity() + self.row.capacity())
     }
@@ -137,8 +126,7 @@ fn positioned(isa: Isa, model: &Model, walk: &[f32], mut rows: Vec<f32>) -> Resu
     let ModelSpec { architecture, .. } = &model.spec;
     let (columns, steps) = (padded(architecture.width), architecture.micro.node_rwse_steps);
     let features = padded(model.spec.n_node_features());
-    let first: Packed<f32> = linear::whole(isa, model, "encoder.position.0")?;
-    let bias = linear::bias(model, "encoder.position.0")?;
+    let first: Linear<f32> = Linear::new(isa, model, "encoder.position.0")?;
     let tail: Tail<f32> = Tail::new(isa, model, "encoder.position")?;
     let node: Packed<f32> = linear::whole(isa, model, "encoder.node.0")?;
     let widest = f32::ROWS * columns.max(features);
@@ -147,7 +135,7 @@ fn positioned(isa: Isa, model: &Model, walk: &[f32], mut rows: Vec<f32>) -> Resu
     for range in blocks::<f32>(count) {
         let n = range.len();
         let x = (&walk[range.start * steps..], steps);
-        product(isa, &first, x, n, Addend::Bias(&bias), tail.function(), Output::Wide(&mut a));
+        first.run(isa, x, n, tail.function(), Output::Wide(&mut a));
         tail.run(isa, n, &mut a, &mut b, &mut c);
         let own = &mut rows[range.start * columns..range.end * columns];
         product(isa, &node, (&c, features), n, Addend::Rows(own), Function::Identity, Output::Wide(&mut a));
@@ -157,7 +145,6 @@ fn positioned(isa: Isa, model: &Model, walk: &[f32], mut rows: Vec<f32>) -> Resu
 }
 
 /// The decoder on [h, h_S] (section 3.4.3), with the return to physical values.
-#[derive(Debug)]
 pub struct Decoder<T> {
     isa: Isa,
     /// On latents.
@@ -196,7 +183,6 @@ impl<T: Number> Decoder<T> {
         })
     }
 
-    /// Bytes of the weights.
     pub fn bytes(&self) -> usize {
         let inner: usize = self.inner.iter().map(|l| l.weight.bytes()).sum();
         inner + self.first.bytes() + self.segment.as_ref().map_or(0, |w| w.bytes()) + self.last.weight.bytes()
@@ -228,21 +214,11 @@ impl<T: Number> Decoder<T> {
                 true => Output::Wide(c),
                 false => Output::Narrow(to),
             };
-            let bias = Addend::Bias(&layer.bias);
-            product(isa, &layer.weight, (from, columns), n, bias, f, place);
+            layer.run(isa, (from, columns), n, f, place);
             std::mem::swap(&mut from, &mut to);
         }
         let stride = padded(self.last.weight.inputs());
-        let identity = Function::Identity;
-        product(
-            isa,
-            &self.last.weight,
-            (c, stride),
-            n,
-            Addend::Bias(&self.last.bias),
-            identity,
-            Output::Wide(raw),
-        );
+        self.last.run(isa, (c, stride), n, Function::Identity, Output::Wide(raw));
         let width = self.last.weight.columns();
         for x in raw.chunks_exact_mut(width).take(n) {
             for ((x, mean), std) in x.iter_mut().zip(&self.mean).zip(&self.std) {

@@ -10,7 +10,6 @@ use m4gn_structure::graph::Graph;
 use std::time::Instant;
 
 /// The nodes' latents on the tiles of a graph, and who works on them.
-#[derive(Debug)]
 pub struct Grid<T> {
     pub isa: Isa,
     /// The width, padded to whole vectors.

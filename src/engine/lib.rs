@@ -63,10 +63,8 @@ pub trait Forward {
 }
 
 /// The native engine.
-#[derive(Debug)]
 pub struct Engine(Inner);
 
-#[derive(Debug)]
 enum Inner {
     Fp32(Box<Network<f32>>),
     Bf16(Box<Network<Bf16>>),

@@ -50,7 +50,6 @@ pub fn activation(model: &Model) -> Function {
 }
 
 /// A linear layer.
-#[derive(Debug)]
 pub struct Linear<T> {
     /// Its weight.
     pub weight: Packed<T>,
@@ -63,10 +62,20 @@ impl<T: Number> Linear<T> {
     pub fn new(isa: Isa, model: &Model, name: &str) -> Result<Self> {
         Ok(Linear { weight: whole(isa, model, name)?, bias: bias(model, name)? })
     }
+
+    /// `f(x W + b)` of n rows of x, which stand a stride apart.
+    pub fn run(&self, isa: Isa, x: (&[T], usize), n: usize, f: Function, out: Output<T>) {
+        product(isa, &self.weight, x, n, Addend::Bias(&self.bias), f, out);
+    }
+
+    /// `out += x W + b`, as [`Linear::run`].
+    pub fn add(&self, isa: Isa, x: (&[T], usize), n: usize, out: &mut [f32]) {
+        let bias = Addend::Output(&self.bias);
+        product(isa, &self.weight, x, n, bias, Function::Identity, Output::Wide(out));
+    }
 }
 
 /// The layers of a perceptron behind its first one, which its callers put together from parts.
-#[derive(Debug)]
 pub struct Tail<T> {
     layers: Vec<Linear<T>>,
     /// Between the layers.
@@ -89,7 +98,6 @@ impl<T: Number> Tail<T> {
         self.function
     }
 
-    /// Bytes of the weights.
     pub fn bytes(&self) -> usize {
         self.layers.iter().map(|l| l.weight.bytes()).sum()
     }
@@ -101,15 +109,9 @@ impl<T: Number> Tail<T> {
             return;
         };
         for layer in inner {
-            let stride = layer.weight.columns();
-            let addend = Addend::Bias(&layer.bias);
-            let out = Output::Narrow(to);
-            product(isa, &layer.weight, (from, stride), n, addend, self.function, out);
+            layer.run(isa, (from, layer.weight.columns()), n, self.function, Output::Narrow(to));
             std::mem::swap(&mut from, &mut to);
         }
-        let stride = padded(last.weight.inputs());
-        let addend = Addend::Bias(&last.bias);
-        let out = Output::Wide(c);
-        product(isa, &last.weight, (from, stride), n, addend, Function::Identity, out);
+        last.run(isa, (from, padded(last.weight.inputs())), n, Function::Identity, Output::Wide(c));
     }
 }

@@ -11,7 +11,6 @@ use m4gn_base::Result;
 use m4gn_model::{Model, NodeSums};
 
 /// Weights of a layer.
-#[derive(Debug)]
 pub struct Layer<T> {
     isa: Isa,
     columns: usize,
@@ -31,7 +30,6 @@ pub struct Layer<T> {
 }
 
 /// Weights of an edge network, the first one cut by input.
-#[derive(Debug)]
 struct EdgeNetwork<T> {
     /// Of latents, or of features.
     edge: Packed<T>,
@@ -56,7 +54,6 @@ impl<T: Number> EdgeNetwork<T> {
         })
     }
 
-    /// Bytes of the weights.
     fn bytes(&self) -> usize {
         [&self.edge, &self.sender, &self.receiver].map(|p| p.bytes()).iter().sum::<usize>()
             + self.tail.bytes()
@@ -99,7 +96,6 @@ impl<T: Number> Layer<T> {
         })
     }
 
-    /// Bytes of the weights.
     pub fn bytes(&self) -> usize {
         let edge = self.edge.as_ref().map_or(0, |e| e.bytes());
         edge + self.node_first.bytes() + self.node_tail.bytes()

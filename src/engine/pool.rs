@@ -153,12 +153,6 @@ impl Drop for Pool {
     }
 }
 
-impl std::fmt::Debug for Pool {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Pool({})", self.n_threads())
-    }
-}
-
 /// The scratches of a pass.
 struct Scratch<S>(*mut S);
 

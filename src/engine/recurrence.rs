@@ -42,7 +42,7 @@ pub fn together(sequence: &Sequence, place: &[u32]) -> Vec<Together> {
 }
 
 /// What reading leaves, a row a step and segment; derivatives are made of it.
-#[derive(Debug)]
+#[derive(Default)]
 pub struct Kept {
     /// Latents of the nodes.
     pub x: Buffer<f32>,
@@ -57,12 +57,6 @@ pub struct Kept {
 }
 
 impl Kept {
-    /// Nothing.
-    pub fn new() -> Self {
-        let [x, before, gates, hidden, state] = std::array::from_fn(|_| Buffer::new(0));
-        Kept { x, before, gates, hidden, state }
-    }
-
     fn fit(&mut self, rows: usize, segments: usize, columns: usize, stride: usize) {
         for (buffer, size) in [
             (&mut self.x, rows * columns),
@@ -77,14 +71,13 @@ impl Kept {
         }
     }
 
-    /// Bytes.
     pub fn bytes(&self) -> usize {
         [&self.x, &self.before, &self.gates, &self.hidden, &self.state].map(|b| b.bytes()).iter().sum()
     }
 }
 
 /// The weights, of width d, in rows of `columns`.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Unit<'a> {
     pub isa: Isa,
     pub d: usize,

@@ -16,7 +16,6 @@ use m4gn_parallel::{Comm, Halo};
 use m4gn_structure::{Segmentation, Structure};
 
 /// Weights, members and buffers of the macro stage.
-#[derive(Debug)]
 pub struct SegmentStage {
     isa: Isa,
     count: usize,
@@ -48,7 +47,6 @@ pub struct SegmentStage {
 }
 
 /// A recurrent unit, and the nodes that this rank reads with it.
-#[derive(Debug)]
 struct Recurrence {
     d: usize,
     input: Linear<f32>,
@@ -98,7 +96,6 @@ impl Recurrence {
 }
 
 /// h += dispatch([h, h_S]), where the model carries on after the macro stage.
-#[derive(Debug)]
 struct Dispatch {
     segment: Packed<f32>,
     bias: Vec<f32>,
@@ -139,7 +136,7 @@ impl SegmentStage {
             Some(sequence) => {
                 let mut places = vec![0; node.len()];
                 (0..).zip(node).for_each(|(p, &i)| places[i as usize] = p);
-                let parts = together(sequence, &places).into_iter().map(|t| (t, Kept::new()));
+                let parts = together(sequence, &places).into_iter().map(|t| (t, Kept::default()));
                 Some(Recurrence {
                     d,
                     input: Linear::new(isa, model, "segment.recurrence.input")?,
@@ -265,15 +262,9 @@ impl SegmentStage {
             layer.run(pool, &mut self.scratch, &mut self.heads, &mut self.latents);
         }
         if let Some(dispatch) = &mut self.dispatch {
-            product(
-                isa,
-                &dispatch.segment,
-                (&self.latents, columns),
-                k,
-                Addend::Bias(&dispatch.bias),
-                Function::Identity,
-                Output::Wide(&mut dispatch.table),
-            );
+            let (x, table) = ((&self.latents[..], columns), Output::Wide(&mut dispatch.table));
+            let bias = Addend::Bias(&dispatch.bias);
+            product(isa, &dispatch.segment, x, k, bias, Function::Identity, table);
         }
     }
 
@@ -317,19 +308,10 @@ pub(super) fn inverted(k: usize, member_row: &[u32], member: &[i32]) -> (Vec<u32
 fn encode_position(isa: Isa, model: &Model, segments: &Segmentation) -> Result<Vec<f32>> {
     let (k, n) = (segments.count, model.spec.n_position_features());
     let size = k * padded(model.spec.architecture.width);
-    let first: Packed<f32> = linear::whole(isa, model, "segment.position.0")?;
-    let bias = linear::bias(model, "segment.position.0")?;
+    let first: Linear<f32> = Linear::new(isa, model, "segment.position.0")?;
     let tail = Tail::new(isa, model, "segment.position")?;
     let (mut a, mut b, mut c) = (vec![0.0; size], vec![0.0; size], vec![0.0; size]);
-    product(
-        isa,
-        &first,
-        (&segments.position, n),
-        k,
-        Addend::Bias(&bias),
-        tail.function(),
-        Output::Wide(&mut a),
-    );
+    first.run(isa, (&segments.position, n), k, tail.function(), Output::Wide(&mut a));
     tail.run(isa, k, &mut a, &mut b, &mut c);
     Ok(c)
 }

@@ -239,7 +239,8 @@ fn bf16_is_the_plain_network_to_its_rounding_on_every_instruction_set() {
                 &structure(&spec, &mesh(&spec, [9, 7, 3]), false),
                 &options(Isa::detect(), Precision::Bf16),
             )
-            .unwrap_err()
+            .err()
+            .unwrap()
             .to_string();
             assert!(message.contains("g-u-net") && message.contains("fp32"), "{message}");
             continue;

@@ -77,7 +77,6 @@ pub fn runs<'a>(
 }
 
 /// One thread's buffers. Rows of `columns`, the padded width, unless said otherwise.
-#[derive(Debug)]
 pub struct Scratch<T> {
     /// What goes into a node network: latents and sums, rows of as many widths.
     pub x: Buffer<T>,
@@ -114,7 +113,6 @@ impl<T: Number> Scratch<T> {
         }
     }
 
-    /// Bytes.
     pub fn bytes(&self) -> usize {
         [&self.x, &self.a, &self.b].map(|x| x.bytes()).iter().sum::<usize>()
             + [&self.c, &self.receivers, &self.sums, &self.raw].map(|x| x.bytes()).iter().sum::<usize>()

@@ -10,7 +10,6 @@ use m4gn_base::Result;
 use m4gn_model::{MacroSpec, Model};
 
 /// One layer: attention and a point-wise network, each behind a layer norm and beside a residual.
-#[derive(Debug)]
 pub struct TransformerLayer {
     isa: Isa,
     norm1: Norm,
@@ -24,7 +23,6 @@ pub struct TransformerLayer {
 }
 
 /// Queries of all segments, and keys and values of each head as products read them.
-#[derive(Debug)]
 pub struct Heads {
     width: usize,
     /// Queries, keys, values: rows of three padded widths.
@@ -34,7 +32,6 @@ pub struct Heads {
 }
 
 /// One thread's buffers, for a block of rows.
-#[derive(Debug)]
 pub struct Scratch {
     /// Rows of the padded width, or of that of the point-wise network.
     pub a: Buffer<f32>,
@@ -57,7 +54,6 @@ impl Heads {
         }
     }
 
-    /// Bytes.
     pub fn bytes(&self) -> usize {
         let packed = self.packed.iter().map(|(k, v)| k.bytes() + v.bytes());
         self.projections.bytes() + packed.sum::<usize>()
@@ -77,7 +73,6 @@ impl Scratch {
         }
     }
 
-    /// Bytes.
     pub fn bytes(&self) -> usize {
         self.a.bytes() + self.b.bytes() + self.c.bytes() + self.scores.bytes()
     }
@@ -107,7 +102,6 @@ impl TransformerLayer {
         })
     }
 
-    /// Bytes of the weights.
     pub fn bytes(&self) -> usize {
         let parts = [&self.projection, &self.output.weight, &self.first.weight, &self.second.weight];
         parts.map(|p| p.bytes()).iter().sum()
@@ -126,15 +120,8 @@ impl TransformerLayer {
             let n = rows.len();
             let x = &latents[rows.start * columns..rows.end * columns];
             layer_norm::<f32>(self.isa, &self.norm1, x, n, Normed::Wide(&mut s.a));
-            product(
-                self.isa,
-                &self.projection,
-                (&s.a, columns),
-                n,
-                Addend::Nothing,
-                Function::Identity,
-                Output::Wide(out),
-            );
+            let (x, none) = ((&s.a[..], columns), Function::Identity);
+            product(self.isa, &self.projection, x, n, Addend::Nothing, none, Output::Wide(out));
         };
         pool.run(scratch, n_blocks, project, || ());
 
@@ -186,15 +173,7 @@ impl TransformerLayer {
                 to[h * width..(h + 1) * width].copy_from_slice(&from[..width]);
             }
         }
-        product(
-            isa,
-            &self.output.weight,
-            (a, columns),
-            n,
-            Addend::Output(&self.output.bias),
-            Function::Identity,
-            Output::Wide(x),
-        );
+        self.output.add(isa, (a, columns), n, x);
     }
 
     /// h_S += FFN(LN(h_S)), the second sum of eq. 13.
@@ -202,23 +181,7 @@ impl TransformerLayer {
         let columns = self.output.weight.columns();
         let n = x.len() / columns;
         layer_norm::<f32>(self.isa, &self.norm2, x, n, Normed::Wide(&mut s.a));
-        product(
-            self.isa,
-            &self.first.weight,
-            (&s.a, columns),
-            n,
-            Addend::Bias(&self.first.bias),
-            self.function,
-            Output::Wide(&mut s.b),
-        );
-        product(
-            self.isa,
-            &self.second.weight,
-            (&s.b, self.first.weight.columns()),
-            n,
-            Addend::Output(&self.second.bias),
-            Function::Identity,
-            Output::Wide(x),
-        );
+        self.first.run(self.isa, (&s.a, columns), n, self.function, Output::Wide(&mut s.b));
+        self.second.add(self.isa, (&s.b, self.first.weight.columns()), n, x);
     }
 }

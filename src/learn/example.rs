@@ -70,7 +70,7 @@ impl NativeBackend<'_> {
             let here = graph.as_ref().map_or(base, |g| &g.0);
             let tape = if step <= keep { step - 1 } else { 0 };
             self.network.forward(worker, tape, here, scales, &inputs, &mut outputs);
-            if step == 1 && batch.unroll > 1 && batch.unroll * self.network.memory(worker).2 > KEEP {
+            if step == 1 && batch.unroll > 1 && batch.unroll * self.network.kept(worker) > KEEP {
                 keep = 1;
             }
             let from = corrected.as_ref().filter(|_| step == 1).unwrap_or(&state);

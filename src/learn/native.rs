@@ -8,7 +8,7 @@ use m4gn_base::{Error, Result};
 use m4gn_domain::{Components, Domain};
 use m4gn_engine as engine;
 use m4gn_engine::Precision;
-use m4gn_engine::backward::{TrainGraph, Trainable, Worker};
+use m4gn_engine::backward::{TrainGraph, Trainable, Worker, trainable};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
@@ -17,7 +17,6 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A domain to learn on, and its graph; of a domain whose edges move at rest.
-#[derive(Debug)]
 pub(crate) struct Live {
     pub domain: Box<dyn Domain>,
     pub graph: TrainGraph,
@@ -49,12 +48,11 @@ impl Live {
 }
 
 /// Network, domains and threads.
-#[derive(Debug)]
 pub struct NativeBackend<'a> {
     pub(crate) spec: ModelSpec,
     pub(crate) work: &'a Workload,
     pub(crate) components: Components,
-    pub(crate) network: Trainable,
+    pub(crate) network: Box<dyn Trainable>,
     workers: Vec<Worker>,
     /// Each training trajectory and its reflection.
     pub(crate) lives: Vec<[Live; 2]>,
@@ -91,7 +89,7 @@ impl<'a> NativeBackend<'a> {
             }
             last = c.field[*i];
         }
-        let network = Trainable::new(spec, t.precision, None)?;
+        let network = trainable(spec, t.precision, None)?;
         let lives = work.train.iter().map(|sample| {
             let mirror = sample.domain.reflected();
             let reflected = sample.structure.reflected(spec);
@@ -195,7 +193,7 @@ impl Backend for NativeBackend<'_> {
 
     fn learn(&mut self, weights: &[f32], normaliser: &Normaliser, batch: &Batch) -> Result<Learned> {
         if batch.learn {
-            self.network.load(weights);
+            self.network.load(weights)?;
         }
         let scales = normaliser.scales();
         // An example's share of the batch: its piece's, by cells.

@@ -1,39 +1,36 @@
 //! The segment transformer (eq. 11 to 13) on all segments of a graph, in fp32, forward with what is kept, and backward.
 
-use super::mlp::{Work, activate, fit, function};
-use super::weights::{Dense, Gradients, NormWeights, Slots, Vector};
+use super::mlp::{Activated, Work, fit, function, numbers};
+use super::weights::{Dense, Gradients, Linear, NormWeights, Slots, Vector};
 use crate::kernels::{
-    Addend, Buffer, Function, Isa, Kept, Normed, Output, activation_backward, layer_norm_keep, multiply_add,
+    Addend, Buffer, Function, Isa, Normed, Output, activation_backward, layer_norm_keep, multiply_add,
     norm_backward, padded, product, softmax, softmax_backward,
 };
-use crate::tiles::{block, blocks};
+use crate::tiles::blocks;
 use m4gn_base::Result;
 use m4gn_model::{Architecture, MacroSpec};
 
 /// One layer: attention and a point-wise network, each behind a layer norm and beside a residual.
-#[derive(Debug)]
 pub struct Attention {
     isa: Isa,
     columns: usize,
+    heads: usize,
     /// Numbers of a head.
     width: usize,
     norm1: NormWeights,
     /// Queries, keys, values.
     projections: [Dense<f32>; 3],
-    output: Dense<f32>,
-    output_bias: Vector,
+    output: Linear<f32>,
     norm2: NormWeights,
-    first: Dense<f32>,
-    first_bias: Vector,
-    second: Dense<f32>,
-    second_bias: Vector,
+    first: Linear<f32>,
+    second: Linear<f32>,
     function: Function,
     /// For the sums of norms, which end in a bias where a perceptron stands before them: nobody reads it.
     no_bias: Vector,
 }
 
 /// A layer norm's output and what its derivative needs.
-#[derive(Debug)]
+#[derive(Default)]
 struct Normal {
     out: Buffer<f32>,
     normed: Buffer<f32>,
@@ -41,7 +38,6 @@ struct Normal {
 }
 
 /// What a layer keeps.
-#[derive(Debug)]
 pub struct AttentionTape {
     norm1: Normal,
     /// Queries, keys, values.
@@ -50,12 +46,11 @@ pub struct AttentionTape {
     attention: Vec<Buffer<f32>>,
     mixed: Buffer<f32>,
     norm2: Normal,
-    value: Buffer<f32>,
-    slope: Buffer<f32>,
+    hidden: Activated<f32>,
 }
 
 /// Buffers for derivatives of all segments.
-#[derive(Debug)]
+#[derive(Default)]
 pub struct AttentionWork {
     d_projections: [Buffer<f32>; 3],
     d_mixed: Buffer<f32>,
@@ -64,43 +59,10 @@ pub struct AttentionWork {
 }
 
 impl Normal {
-    fn new() -> Self {
-        Normal { out: Buffer::new(0), normed: Buffer::new(0), scale: Buffer::new(0) }
-    }
-
     fn fit(&mut self, k: usize, columns: usize) {
         fit(&mut self.out, k * columns);
         fit(&mut self.normed, k * columns);
         fit(&mut self.scale, k);
-    }
-}
-
-impl AttentionTape {
-    /// Empty.
-    pub fn new(heads: usize) -> Self {
-        let empty = || Buffer::new(0);
-        AttentionTape {
-            norm1: Normal::new(),
-            projections: [empty(), empty(), empty()],
-            attention: (0..heads).map(|_| empty()).collect(),
-            mixed: empty(),
-            norm2: Normal::new(),
-            value: empty(),
-            slope: empty(),
-        }
-    }
-}
-
-impl AttentionWork {
-    /// Empty.
-    pub fn new() -> Self {
-        let empty = || Buffer::new(0);
-        AttentionWork {
-            d_projections: [empty(), empty(), empty()],
-            d_mixed: empty(),
-            scores: empty(),
-            transposed: empty(),
-        }
     }
 }
 
@@ -110,46 +72,34 @@ impl Attention {
         let name = |part: &str| format!("segment.transformer.{l}.{part}");
         let mut dense = |part: &str| Dense::whole(isa, slots, &name(part));
         let projections = [dense("q")?, dense("k")?, dense("v")?];
-        let (output, first, second) = (dense("o")?, dense("ffn.0")?, dense("ffn.1")?);
-        let mut vector = |part: &str| Vector::new(slots, &name(part));
-        let (output_bias, first_bias) = (vector("o.bias")?, vector("ffn.0.bias")?);
-        let second_bias = vector("ffn.1.bias")?;
+        let mut linear = |part: &str| Linear::new(isa, slots, &name(part));
+        let (output, first, second) = (linear("o")?, linear("ffn.0")?, linear("ffn.1")?);
         Ok(Attention {
             isa,
             columns: padded(a.width),
+            heads: spec.heads,
             width: a.width / spec.heads,
             norm1: NormWeights::new(slots, &name("norm1"))?,
             projections,
             output,
-            output_bias,
             norm2: NormWeights::new(slots, &name("norm2"))?,
             first,
-            first_bias,
             second,
-            second_bias,
             function: function(a),
             no_bias: Vector::unread(slots, a.width),
         })
     }
 
-    /// Takes the weights of the flat vector.
-    pub fn load(&mut self, flat: &[f32]) {
-        self.projections.iter_mut().for_each(|p| p.load(flat));
-        for dense in [&mut self.output, &mut self.first, &mut self.second] {
-            dense.load(flat);
+    /// Nothing kept yet.
+    pub fn tape(&self) -> AttentionTape {
+        AttentionTape {
+            norm1: Normal::default(),
+            projections: Default::default(),
+            attention: (0..self.heads).map(|_| Buffer::default()).collect(),
+            mixed: Buffer::default(),
+            norm2: Normal::default(),
+            hidden: Activated::new(self.function),
         }
-        for bias in [&mut self.output_bias, &mut self.first_bias, &mut self.second_bias] {
-            bias.load(flat);
-        }
-        self.norm1.load(flat);
-        self.norm2.load(flat);
-    }
-
-    /// Bytes of the weights.
-    pub fn bytes(&self) -> usize {
-        let parts = [&self.output, &self.first, &self.second];
-        let all = self.projections.iter().chain(parts);
-        all.map(|d| d.bytes()).sum()
     }
 
     /// Advances k rows in place.
@@ -162,21 +112,20 @@ impl Attention {
     ) {
         let (isa, columns) = (self.isa, self.columns);
         let k = x.len() / columns;
-        let wide = self.first.forward().columns();
+        let wide = self.first.weight.forward.columns();
         let stride = padded(k);
         tape.norm1.fit(k, columns);
         tape.norm2.fit(k, columns);
         tape.projections.iter_mut().for_each(|p| fit(p, k * columns));
         tape.attention.iter_mut().for_each(|p| fit(p, k * stride));
         fit(&mut tape.mixed, k * columns);
-        fit(&mut tape.value, k * wide);
-        fit(&mut tape.slope, k * wide);
+        tape.hidden.fit(k * wide);
         fit(&mut w.transposed, columns * stride);
         self.normalise(&self.norm1, &mut tape.norm1, x);
         for (projection, out) in self.projections.iter().zip(&mut tape.projections) {
             let from = (&tape.norm1.out[..], columns);
             let out = Output::Wide(&mut out[..]);
-            product(isa, projection.forward(), from, k, Addend::Nothing, Function::Identity, out);
+            product(isa, &projection.forward, from, k, Addend::Nothing, Function::Identity, out);
         }
         let [q, key, value] = &tape.projections;
         tape.mixed[..k * columns].fill(0.0);
@@ -190,22 +139,19 @@ impl Attention {
             let out = (&mut tape.mixed[at..], columns);
             multiply_add(isa, (k, k, d), 1.0, (p, stride), (&value[at..], columns), out);
         }
-        let bias = Addend::Output(&self.output_bias.data);
+        let (output, second) = (&self.output, &self.second);
+        let bias = Addend::Output(&output.bias.data);
         let from = (&tape.mixed[..], columns);
-        product(isa, self.output.forward(), from, k, bias, Function::Identity, Output::Wide(x));
+        product(isa, &output.weight.forward, from, k, bias, Function::Identity, Output::Wide(x));
         self.normalise(&self.norm2, &mut tape.norm2, x);
         for rows in blocks::<f32>(k) {
-            let n = rows.len();
             let from = (&tape.norm2.out[rows.start * columns..], columns);
-            let bias = Addend::Bias(&self.first_bias.data);
-            let range = rows.start * wide..rows.end * wide;
-            let (value, slope) = (&mut tape.value[range.clone()], &mut tape.slope[range]);
-            let weight = self.first.forward();
-            activate(isa, weight, from, n, bias, self.function, &mut work.wide, value, slope);
+            let weight = &self.first.weight.forward;
+            tape.hidden.fill(isa, weight, from, &rows, self.first.bias(), &mut work.wide);
         }
-        let bias = Addend::Output(&self.second_bias.data);
-        let from = (&tape.value[..], wide);
-        product(isa, self.second.forward(), from, k, bias, Function::Identity, Output::Wide(x));
+        let bias = Addend::Output(&second.bias.data);
+        let from = (&tape.hidden.value[..], wide);
+        product(isa, &second.weight.forward, from, k, bias, Function::Identity, Output::Wide(x));
     }
 
     fn scale(&self) -> f32 {
@@ -230,26 +176,27 @@ impl Attention {
     ) {
         let (isa, columns) = (self.isa, self.columns);
         let k = d.len() / columns;
-        let wide = self.first.forward().columns();
-        for i in 0..blocks::<f32>(k).len() {
-            let rows = block::<f32>(i, k);
-            let (n, range) = (rows.len(), rows.start * columns..rows.end * columns);
-            add_rows(&d[range.clone()], columns, gradients.block(self.second_bias.slot));
+        let wide = self.first.weight.forward.columns();
+        for rows in blocks::<f32>(k) {
+            let (n, range) = (rows.len(), numbers(&rows, columns));
+            add_rows(&d[range.clone()], columns, gradients.block(self.second.bias.slot));
             let dy = (&d[range.clone()], columns);
-            let inner = rows.start * wide..rows.end * wide;
-            let value = &tape.value[inner.clone()];
-            self.second.learn(dy, (value, wide), n, gradients, &mut work.pairs);
-            self.second.back(dy, n, &mut work.wide);
-            let kept = match self.function {
-                Function::Silu => Kept::Slope(&tape.slope[inner]),
-                _ => Kept::Value(value),
-            };
-            let bias = gradients.block(self.first_bias.slot);
+            let inner = numbers(&rows, wide);
+            self.second.weight.learn(
+                dy,
+                (&tape.hidden.value[inner.clone()], wide),
+                n,
+                gradients,
+                &mut work.pairs,
+            );
+            self.second.weight.back(dy, n, &mut work.wide);
+            let bias = gradients.block(self.first.bias.slot);
+            let kept = tape.hidden.kept(inner);
             activation_backward(isa, kept, (n, wide), &mut work.wide, &mut work.narrow, bias);
             let from = (&tape.norm2.out[range.clone()], columns);
-            self.first.learn((&work.narrow, wide), from, n, gradients, &mut work.pairs);
+            self.first.weight.learn((&work.narrow, wide), from, n, gradients, &mut work.pairs);
             let Work { wide: out, narrow, .. } = &mut *work;
-            self.first.back((&*narrow, wide), n, out);
+            self.first.weight.back((&*narrow, wide), n, out);
             self.through_norm((&self.norm2, &tape.norm2), rows.start, n, work, gradients);
             add(&mut d[range], &work.wide);
         }
@@ -257,19 +204,17 @@ impl Attention {
         fit(&mut w.scores, k * padded(k));
         fit(&mut w.transposed, columns.max(k) * padded(k).max(columns));
         w.d_projections.iter_mut().for_each(|p| fit(p, k * columns));
-        for i in 0..blocks::<f32>(k).len() {
-            let rows = block::<f32>(i, k);
-            let (n, range) = (rows.len(), rows.start * columns..rows.end * columns);
-            add_rows(&d[range.clone()], columns, gradients.block(self.output_bias.slot));
+        for rows in blocks::<f32>(k) {
+            let (n, range) = (rows.len(), numbers(&rows, columns));
+            add_rows(&d[range.clone()], columns, gradients.block(self.output.bias.slot));
             let dy = (&d[range.clone()], columns);
             let from = (&tape.mixed[range.clone()], columns);
-            self.output.learn(dy, from, n, gradients, &mut work.pairs);
-            self.output.back(dy, n, &mut w.d_mixed[range]);
+            self.output.weight.learn(dy, from, n, gradients, &mut work.pairs);
+            self.output.weight.back(dy, n, &mut w.d_mixed[range]);
         }
         self.through_attention(tape, w, k);
-        for i in 0..blocks::<f32>(k).len() {
-            let rows = block::<f32>(i, k);
-            let (n, range) = (rows.len(), rows.start * columns..rows.end * columns);
+        for rows in blocks::<f32>(k) {
+            let (n, range) = (rows.len(), numbers(&rows, columns));
             let from = (&tape.norm1.out[range.clone()], columns);
             work.wide[..n * columns].fill(0.0);
             for (projection, dy) in self.projections.iter().zip(&w.d_projections) {
@@ -294,7 +239,7 @@ impl Attention {
         work: &mut Work<f32>,
         gradients: &mut Gradients,
     ) {
-        let [gain, shift] = norm.slots();
+        let [gain, shift] = norm.slots;
         let sums = gradients.three([gain, shift, self.no_bias.slot]);
         let kept = (&tape.normed[first * self.columns..], &tape.scale[first..]);
         norm_backward(self.isa, &norm.norm, kept, n, &mut work.wide, &mut work.narrow, sums);

@@ -1,6 +1,7 @@
 //! BSMS-GNN (Cao et al. 2023), forward with what is kept, and backward.
 
 use super::Scales;
+use super::attention::add;
 use super::graph::TrainGraph;
 use super::layer::{Layer, LayerTape, Links};
 use super::mlp::fit;
@@ -15,7 +16,6 @@ use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 
 /// The layers of a model: down, on the coarsest graph, up.
-#[derive(Debug)]
 pub struct BiStride<T> {
     columns: usize,
     n_edge_features: usize,
@@ -23,7 +23,6 @@ pub struct BiStride<T> {
 }
 
 /// What they keep.
-#[derive(Debug)]
 pub struct BiStrideTape<T> {
     layers: Vec<LayerTape<T>>,
     /// Of each graph: its latents; backward, derivatives by these.
@@ -50,10 +49,6 @@ fn cleared(out: &mut Buffer<f32>, size: usize) -> &mut [f32] {
     &mut out[..size]
 }
 
-fn add(to: &mut [f32], x: &[f32]) {
-    to.iter_mut().zip(x).for_each(|(to, x)| *to += x);
-}
-
 impl<T: Number> Processor<T> for BiStride<T> {
     type Tape = BiStrideTape<T>;
 
@@ -66,30 +61,18 @@ impl<T: Number> Processor<T> for BiStride<T> {
         })
     }
 
-    fn load(&mut self, flat: &[f32]) {
-        self.layers.iter_mut().for_each(|l| l.load(flat));
-    }
-
-    fn bytes(&self) -> usize {
-        self.layers.iter().map(|l| l.bytes()).sum()
-    }
-
     fn tape(&self) -> BiStrideTape<T> {
         let n_graphs = self.layers.len() / 2 + 1;
         BiStrideTape {
             layers: self.layers.iter().map(LayerTape::new).collect(),
-            rows: (0..n_graphs).map(|_| Buffer::new(0)).collect(),
-            risen: Buffer::new(0),
+            rows: (0..n_graphs).map(|_| Buffer::default()).collect(),
+            risen: Buffer::default(),
         }
     }
 
     fn kept(tape: &BiStrideTape<T>) -> usize {
         let layers: usize = tape.layers.iter().map(|l| l.bytes()).sum();
         layers + tape.rows.iter().map(|r| r.bytes()).sum::<usize>() + tape.risen.bytes()
-    }
-
-    fn segments(_: &BiStrideTape<T>) -> Option<&[f32]> {
-        None
     }
 
     fn forward(

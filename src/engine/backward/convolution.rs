@@ -2,28 +2,26 @@
 
 use super::Scales;
 use super::graph::TrainGraph;
-use super::mlp::{activate, fit, function};
+use super::mlp::{Activated, fit, function, numbers};
 use super::network::Buffers;
 use super::processor::Processor;
-use super::weights::{Dense, Gradients, Slots, Vector};
+use super::weights::{Gradients, Linear, Slots};
 use crate::kernels::{
-    Addend, Buffer, Function, Isa, Kept, Number, activation_backward, gather_add, narrow, padded, scatter_add,
+    Buffer, Function, Isa, Number, activation_backward, gather_add, narrow, padded, scatter_add,
 };
 use crate::processor::scales as scales_of;
 use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 
 /// The convolutions of a model.
-#[derive(Debug)]
 pub struct Convolutions<T> {
     isa: Isa,
     columns: usize,
     function: Function,
-    layers: Vec<(Dense<T>, Vector)>,
+    layers: Vec<Linear<T>>,
 }
 
 /// What the convolutions keep.
-#[derive(Debug)]
 pub struct ConvolutionsTape<T> {
     layers: Vec<Layer<T>>,
     /// 1 / sqrt(1 + received edges) of the nodes.
@@ -33,13 +31,10 @@ pub struct ConvolutionsTape<T> {
 }
 
 /// What one of them keeps, a row a node.
-#[derive(Debug)]
 struct Layer<T> {
     /// What the weight is applied to.
     sums: Buffer<T>,
-    value: Buffer<T>,
-    /// The activation's derivative where the value does not tell it.
-    slope: Buffer<T>,
+    value: Activated<T>,
 }
 
 /// Multiplies rows by a number each.
@@ -54,10 +49,7 @@ impl<T: Number> Processor<T> for Convolutions<T> {
 
     fn new(isa: Isa, slots: &mut Slots, spec: &ModelSpec) -> Result<Self> {
         let a = &spec.architecture;
-        let layer = |l: usize| {
-            let name = format!("processor.{l}.convolution");
-            Ok((Dense::whole(isa, slots, &name)?, Vector::new(slots, &format!("{name}.bias"))?))
-        };
+        let layer = |l: usize| Linear::new(isa, slots, &format!("processor.{l}.convolution"));
         Ok(Convolutions {
             isa,
             columns: padded(a.width),
@@ -66,28 +58,17 @@ impl<T: Number> Processor<T> for Convolutions<T> {
         })
     }
 
-    fn load(&mut self, flat: &[f32]) {
-        for (weight, bias) in &mut self.layers {
-            weight.load(flat);
-            bias.load(flat);
-        }
-    }
-
-    fn bytes(&self) -> usize {
-        self.layers.iter().map(|(weight, _)| weight.bytes()).sum()
-    }
-
     fn tape(&self) -> ConvolutionsTape<T> {
-        let layer = |_| Layer { sums: Buffer::new(0), value: Buffer::new(0), slope: Buffer::new(0) };
+        let layer = |_| Layer { sums: Buffer::default(), value: Activated::new(self.function) };
         ConvolutionsTape {
             layers: self.layers.iter().map(layer).collect(),
             scale: Vec::new(),
-            scaled: Buffer::new(0),
+            scaled: Buffer::default(),
         }
     }
 
     fn kept(tape: &ConvolutionsTape<T>) -> usize {
-        let rows = |l: &Layer<T>| l.sums.bytes() + l.value.bytes() + l.slope.bytes();
+        let rows = |l: &Layer<T>| l.sums.bytes() + l.value.bytes();
         tape.scaled.bytes() + tape.layers.iter().map(rows).sum::<usize>()
     }
 
@@ -103,17 +84,13 @@ impl<T: Number> Processor<T> for Convolutions<T> {
         *scale = scales_of(&order.row);
         fit(scaled, size);
         let work_rows = &mut work.shared.work;
-        for ((weight, bias), kept) in self.layers.iter().zip(layers) {
+        for (layer, kept) in self.layers.iter().zip(layers) {
             fit(&mut kept.sums, size);
-            fit(&mut kept.value, size);
-            if self.function == Function::Silu {
-                fit(&mut kept.slope, size);
-            }
+            kept.value.fit(size);
             scaled[..size].copy_from_slice(&work.latents[..size]);
             scale_rows(&mut scaled[..size], columns, scale);
             for tile in &tiles {
-                let (n, first) = (tile.nodes.len(), tile.nodes.start);
-                let own = first * columns..tile.nodes.end * columns;
+                let (first, own) = (tile.nodes.start, numbers(&tile.nodes, columns));
                 let sums = &mut work.latents[own.clone()];
                 sums.copy_from_slice(&scaled[own.clone()]);
                 for chunk in tile.chunks::<T>() {
@@ -124,22 +101,9 @@ impl<T: Number> Processor<T> for Convolutions<T> {
                 }
                 scale_rows(sums, columns, &scale[tile.nodes.clone()]);
                 narrow(isa, sums, &mut kept.sums[own.clone()]);
-                let slope = match self.function {
-                    Function::Silu => &mut kept.slope[own.clone()],
-                    _ => &mut [],
-                };
-                activate(
-                    isa,
-                    weight.forward(),
-                    (&kept.sums[own.clone()], columns),
-                    n,
-                    Addend::Bias(&bias.data),
-                    self.function,
-                    &mut work_rows.wide,
-                    &mut kept.value[own.clone()],
-                    slope,
-                );
-                let values = sums.iter_mut().zip(&kept.value[own]);
+                let (weight, x) = (&layer.weight.forward, (&kept.sums[own.clone()], columns));
+                kept.value.fill(isa, weight, x, &tile.nodes, layer.bias(), &mut work_rows.wide);
+                let values = sums.iter_mut().zip(&kept.value.value[own]);
                 values.for_each(|(h, value)| *h = value.to_f32());
             }
         }
@@ -159,22 +123,18 @@ impl<T: Number> Processor<T> for Convolutions<T> {
         let ConvolutionsTape { layers, scale, scaled } = tape;
         let tiles = graph.tiles::<T>();
         let rows_at_a_time = &mut work.shared.work;
-        for ((weight, bias), kept) in self.layers.iter().zip(layers).rev() {
+        for (layer, kept) in self.layers.iter().zip(layers).rev() {
             scaled[..size].fill(0.0);
             for tile in &tiles {
                 let (n, first) = (tile.nodes.len(), tile.nodes.start);
-                let own = first * columns..tile.nodes.end * columns;
+                let own = numbers(&tile.nodes, columns);
                 let d = &mut work.d_nodes[own.clone()];
-                let value = match self.function {
-                    Function::Silu => Kept::Slope(&kept.slope[own.clone()]),
-                    _ => Kept::Value(&kept.value[own.clone()]),
-                };
                 let dy = &mut rows_at_a_time.narrow[..n * columns];
-                let sum = gradients.block(bias.slot);
-                activation_backward(isa, value, (n, columns), d, dy, sum);
+                let sum = gradients.block(layer.bias.slot);
+                activation_backward(isa, kept.value.kept(own.clone()), (n, columns), d, dy, sum);
                 let (dy, x) = ((&*dy, columns), (&kept.sums[own.clone()], columns));
-                weight.learn(dy, x, n, gradients, &mut rows_at_a_time.pairs);
-                weight.back(dy, n, d);
+                layer.weight.learn(dy, x, n, gradients, &mut rows_at_a_time.pairs);
+                layer.weight.back(dy, n, d);
                 scale_rows(d, columns, &scale[tile.nodes.clone()]);
                 let sums = scaled[own].iter_mut().zip(&*d);
                 sums.for_each(|(sum, d)| *sum += d);

@@ -3,14 +3,13 @@
 use super::attention::add;
 use super::graph::TrainGraph;
 use super::messages::{Messages, MessagesTape};
-use super::mlp::{Work, fit};
+use super::mlp::{Work, fit, numbers};
 use super::network::Buffers;
 use super::weights::{Dense, Gradients, Vector};
 use crate::kernels::{Addend, Function, Number, Output, add_means, narrow, product};
-use crate::tiles::{block, blocks};
+use crate::tiles::blocks;
 
 /// h += dispatch([h, h_S]), where the model carries on after the macro stage.
-#[derive(Debug)]
 pub struct Dispatch<T> {
     /// Of h.
     pub own: Dense<T>,
@@ -18,15 +17,6 @@ pub struct Dispatch<T> {
     pub segment: Dense<f32>,
     /// Of both.
     pub bias: Vector,
-}
-
-impl<T: Number> Dispatch<T> {
-    /// Takes the weights of the flat vector.
-    pub fn load(&mut self, flat: &[f32]) {
-        self.own.load(flat);
-        self.segment.load(flat);
-        self.bias.load(flat);
-    }
 }
 
 impl<T: Number> Messages<T> {
@@ -41,18 +31,18 @@ impl<T: Number> Messages<T> {
         fit(&mut work.table, members.count * columns);
         let out = Output::Wide(&mut work.table[..]);
         let bias = Addend::Bias(&dispatch.bias.data);
-        let (weight, x) = (dispatch.segment.forward(), (&kept.latents[..], columns));
+        let (weight, x) = (&dispatch.segment.forward, (&kept.latents[..], columns));
         product(isa, weight, x, members.count, bias, Function::Identity, out);
         fit(&mut tape.dispatched, graph.n_nodes() * columns);
         let zeros = work.shared.zeros();
         for rows in blocks::<T>(graph.n_nodes()) {
-            let range = rows.start * columns..rows.end * columns;
+            let range = numbers(&rows, columns);
             let h = &mut work.latents[range.clone()];
             let x = &mut tape.dispatched[range];
             narrow(isa, h, x);
             let row = &members.row[rows.start..=rows.end];
             add_means(isa, h, columns, &work.table, row, &members.member);
-            let own = dispatch.own.forward();
+            let own = &dispatch.own.forward;
             let (x, n) = ((&*x, columns), rows.len());
             product(isa, own, x, n, Addend::Output(zeros), Function::Identity, Output::Wide(h));
         }
@@ -78,7 +68,7 @@ impl<T: Number> Messages<T> {
             d_table.fill(0.0);
             let (work, zeros) = shared.split();
             for rows in blocks::<T>(graph.n_nodes()) {
-                let (n, range) = (rows.len(), rows.start * columns..rows.end * columns);
+                let (n, range) = (rows.len(), numbers(&rows, columns));
                 let d = &mut d_nodes[range.clone()];
                 for (place, d) in rows.clone().zip(d.chunks_exact(columns)) {
                     members.spread_mean(place, d, d_table);
@@ -107,9 +97,8 @@ pub fn through_table(
     gradients: &mut Gradients,
 ) {
     let k = d_table.len() / columns;
-    for i in 0..blocks::<f32>(k).len() {
-        let rows = block::<f32>(i, k);
-        let (n, range) = (rows.len(), rows.start * columns..rows.end * columns);
+    for rows in blocks::<f32>(k) {
+        let (n, range) = (rows.len(), numbers(&rows, columns));
         let dy = (&d_table[range.clone()], columns);
         weight.learn(dy, (&x[range.clone()], columns), n, gradients, &mut work.pairs);
         weight.back(dy, n, &mut work.wide);

@@ -3,19 +3,18 @@
 
 use super::graph::{Members, TrainGraph};
 use super::layer::Shared;
-use super::mlp::{Mlp, MlpTape, Work, activate, activate_wide, fit, function};
-use super::weights::{Dense, Gradients, Slots, Vector};
+use super::mlp::{Activated, Mlp, MlpTape, Work, fit, function, layers_backward, numbers};
+use super::weights::{Dense, Gradients, Linear, Slots, Vector};
 use crate::kernels::{
-    Addend, Buffer, Function, Isa, Kept, Normed, Number, Output, activation_backward, add_means, narrow,
-    padded, product, silu_keep,
+    Addend, Buffer, Function, Isa, Normed, Number, Output, activation_backward, add_means, narrow, padded,
+    product,
 };
-use crate::tiles::{block, blocks};
+use crate::tiles::blocks;
 use m4gn_base::Result;
 use m4gn_model::{Architecture, ModelSpec};
 use std::ops::Range;
 
 /// A perceptron on features, with a layer norm at the end (eq. 1).
-#[derive(Debug)]
 pub struct Encoder<T> {
     isa: Isa,
     first: Dense<f32>,
@@ -25,7 +24,6 @@ pub struct Encoder<T> {
 }
 
 /// What an encoder keeps.
-#[derive(Debug)]
 pub struct EncoderTape<T> {
     /// Normalised features.
     pub features: Buffer<f32>,
@@ -33,9 +31,8 @@ pub struct EncoderTape<T> {
 }
 
 impl<T: Number> EncoderTape<T> {
-    /// Empty.
     pub fn new(encoder: &Encoder<T>) -> Self {
-        EncoderTape { features: Buffer::new(0), rest: MlpTape::new(&encoder.rest) }
+        EncoderTape { features: Buffer::default(), rest: MlpTape::new(&encoder.rest) }
     }
 
     /// Room for this many rows.
@@ -44,7 +41,6 @@ impl<T: Number> EncoderTape<T> {
         self.rest.fit(rows, encoder.rest.columns);
     }
 
-    /// Bytes.
     pub fn bytes(&self) -> usize {
         self.features.bytes() + self.rest.bytes()
     }
@@ -53,7 +49,7 @@ impl<T: Number> EncoderTape<T> {
 impl<T: Number> Encoder<T> {
     /// Perceptron `name`.
     pub fn new(isa: Isa, slots: &mut Slots, name: &str, a: &Architecture) -> Result<Self> {
-        let features = slots.layout().find(&format!("{name}.0.weight"))?.1[1];
+        let features = slots.layout.find(&format!("{name}.0.weight"))?.1[1];
         Ok(Encoder {
             isa,
             first: Dense::whole(isa, slots, &format!("{name}.0"))?,
@@ -62,19 +58,12 @@ impl<T: Number> Encoder<T> {
         })
     }
 
-    /// Takes the weights of the flat vector.
-    pub fn load(&mut self, flat: &[f32]) {
-        self.first.load(flat);
-        self.rest.load(flat);
-    }
-
     /// Latents of some rows of the tape's features.
     pub fn forward(&self, tape: &mut EncoderTape<T>, rows: &Range<usize>, wide: &mut [f32], out: Normed<T>) {
         let x = (&tape.features[rows.start * self.stride..], self.stride);
         let bias = Addend::Bias(&self.rest.first_bias.data);
-        let (value, slope) = tape.rest.first(rows, self.rest.columns);
-        let (weight, f) = (self.first.forward(), self.rest.function());
-        activate_wide(self.isa, weight, x, rows.len(), bias, f, wide, value, slope);
+        let weight = &self.first.forward;
+        tape.rest.first().fill_from(self.isa, weight, x, rows, bias, wide);
         self.rest.forward(&mut tape.rest, rows, wide, out);
     }
 
@@ -98,62 +87,48 @@ impl<T: Number> Encoder<T> {
             self.first.back(dy, n, d);
         }
     }
-
-    /// Bytes of the weights.
-    pub fn bytes(&self) -> usize {
-        self.first.bytes() + self.rest.bytes()
-    }
 }
 
 /// The decoder on [h, h_S] (section 3.4.3), to normalised outputs.
-#[derive(Debug)]
 pub struct Decoder<T> {
     isa: Isa,
     columns: usize,
     n_outputs: usize,
     function: Function,
     first: Dense<T>,
+    first_bias: Vector,
     /// Of h_S in the first layer.
     pub segment: Option<Dense<f32>>,
-    inner: Vec<Dense<T>>,
-    last: Dense<f32>,
-    /// Of all layers.
-    biases: Vec<Vector>,
+    inner: Vec<Linear<T>>,
+    last: Linear<f32>,
 }
 
 /// What the decoder keeps, a row a cell.
-#[derive(Debug)]
 pub struct DecoderTape<T> {
     latents: Buffer<T>,
-    values: Vec<Buffer<T>>,
-    slopes: Vec<Buffer<T>>,
-    /// The last layer's input, and its derivative where the value does not tell it.
-    last: [Buffer<f32>; 2],
+    values: Vec<Activated<T>>,
+    /// The last layer's input.
+    last: Activated<f32>,
 }
 
 impl<T: Number> DecoderTape<T> {
-    /// Empty.
     pub fn new(decoder: &Decoder<T>) -> Self {
-        let empty = || decoder.inner.iter().map(|_| Buffer::new(0)).collect();
         DecoderTape {
-            latents: Buffer::new(0),
-            values: empty(),
-            slopes: empty(),
-            last: [Buffer::new(0), Buffer::new(0)],
+            latents: Buffer::default(),
+            values: decoder.inner.iter().map(|_| Activated::new(decoder.function)).collect(),
+            last: Activated::new(decoder.function),
         }
     }
 
     /// Room for this many cells.
     pub fn fit(&mut self, cells: usize, columns: usize) {
-        let all = self.values.iter_mut().chain(&mut self.slopes);
-        all.chain([&mut self.latents]).for_each(|b| fit(b, cells * columns));
-        self.last.iter_mut().for_each(|b| fit(b, cells * columns));
+        fit(&mut self.latents, cells * columns);
+        self.values.iter_mut().for_each(|v| v.fit(cells * columns));
+        self.last.fit(cells * columns);
     }
 
-    /// Bytes.
     pub fn bytes(&self) -> usize {
-        let rows = self.values.iter().chain(&self.slopes).map(|b| b.bytes());
-        rows.sum::<usize>() + self.latents.bytes() + self.last[0].bytes() + self.last[1].bytes()
+        self.latents.bytes() + self.values.iter().map(|v| v.bytes()).sum::<usize>() + self.last.bytes()
     }
 }
 
@@ -169,31 +144,14 @@ impl<T: Number> Decoder<T> {
             n_outputs: spec.n_outputs(),
             function: function(a),
             first: Dense::columns(isa, slots, &name(0), 0, d)?,
+            first_bias: Vector::new(slots, "decoder.0.bias")?,
             segment: match a.decodes_segments() {
                 true => Some(Dense::columns(isa, slots, &name(0), d, d)?),
                 false => None,
             },
-            inner: (1..h).map(|i| Dense::whole(isa, slots, &name(i))).collect::<Result<_>>()?,
-            last: Dense::whole(isa, slots, &name(h))?,
-            biases: (0..=h)
-                .map(|i| Vector::new(slots, &format!("decoder.{i}.bias")))
-                .collect::<Result<_>>()?,
+            inner: (1..h).map(|i| Linear::new(isa, slots, &name(i))).collect::<Result<_>>()?,
+            last: Linear::new(isa, slots, &name(h))?,
         })
-    }
-
-    /// Takes the weights of the flat vector.
-    pub fn load(&mut self, flat: &[f32]) {
-        self.first.load(flat);
-        self.segment.iter_mut().for_each(|s| s.load(flat));
-        self.inner.iter_mut().for_each(|l| l.load(flat));
-        self.last.load(flat);
-        self.biases.iter_mut().for_each(|b| b.load(flat));
-    }
-
-    /// Bytes of the weights.
-    pub fn bytes(&self) -> usize {
-        let segment = self.segment.as_ref().map_or(0, |s| s.bytes());
-        self.first.bytes() + segment + self.last.bytes() + self.inner.iter().map(|l| l.bytes()).sum::<usize>()
     }
 
     /// `[cells x outputs]` in the graph's order; `table` is what h_S contributes to the first layer, a row a segment.
@@ -207,60 +165,33 @@ impl<T: Number> Decoder<T> {
         outputs: &mut [f32],
     ) {
         let (isa, columns, m) = (self.isa, self.columns, self.n_outputs);
-        let silu = self.function == Function::Silu;
         for rows in blocks::<T>(graph.cells.len()) {
             let n = rows.len();
-            let range = rows.start * columns..rows.end * columns;
+            let range = numbers(&rows, columns);
             for (i, &(place, _)) in graph.cells[rows.clone()].iter().enumerate() {
                 let place = place as usize;
                 let to = &mut tape.latents[(rows.start + i) * columns..][..columns];
                 narrow(isa, &nodes[place * columns..(place + 1) * columns], to);
                 let sum = &mut fp32.wide[i * columns..(i + 1) * columns];
-                sum.copy_from_slice(&self.biases[0].data);
+                sum.copy_from_slice(&self.first_bias.data);
                 if let Some(members) = graph.members.as_ref().filter(|_| self.segment.is_some()) {
                     let row = &members.row[place..=place + 1];
                     add_means(isa, sum, columns, table, row, &members.member);
                 }
             }
-            let all = std::iter::once(&self.first).chain(&self.inner);
-            for (i, layer) in all.enumerate() {
-                let (done, next) = tape.values.split_at_mut(i);
-                let x = match done.last() {
-                    Some(x) => (&x[range.clone()], columns),
-                    None => (&tape.latents[range.clone()], columns),
-                };
-                let addend = match i {
-                    0 => Addend::Rows(&fp32.wide[..]),
-                    i => Addend::Bias(&self.biases[i].data),
-                };
-                let wide = &mut s.work.wide[..n * columns];
-                if let Some(value) = next.first_mut() {
-                    let slope = &mut tape.slopes[i][range.clone()];
-                    let value = &mut value[range.clone()];
-                    activate(isa, layer.forward(), x, n, addend, self.function, wide, value, slope);
-                } else {
-                    let [last, slope] = &mut tape.last;
-                    let out = &mut last[range.clone()];
-                    if silu {
-                        product(
-                            isa,
-                            layer.forward(),
-                            x,
-                            n,
-                            addend,
-                            Function::Identity,
-                            Output::Wide(&mut *wide),
-                        );
-                        silu_keep(isa, wide, out, &mut slope[range.clone()]);
-                    } else {
-                        product(isa, layer.forward(), x, n, addend, self.function, Output::Wide(out));
-                    }
-                }
+            let DecoderTape { latents, values, last } = tape;
+            let mut x = (&latents[range.clone()], columns);
+            let (mut weight, mut addend) = (&self.first.forward, Addend::Rows(&fp32.wide[..]));
+            let wide = &mut s.work.wide[..n * columns];
+            for (layer, value) in self.inner.iter().zip(values) {
+                value.fill(isa, weight, x, &rows, addend, wide);
+                x = (&value.value[range.clone()], columns);
+                (weight, addend) = (&layer.weight.forward, layer.bias());
             }
-            let bias = Addend::Bias(&self.biases[self.biases.len() - 1].data);
-            let (weight, x) = (self.last.forward(), (&tape.last[0][range], columns));
+            last.fill_from(isa, weight, x, &rows, addend, wide);
+            let (weight, x) = (&self.last.weight.forward, (&last.value[range], columns));
             let out = Output::Wide(&mut fp32.wide[..]);
-            product(isa, weight, x, n, bias, Function::Identity, out);
+            product(isa, weight, x, n, self.last.bias(), Function::Identity, out);
             let stride = weight.columns();
             for (i, &(_, cell)) in graph.cells[rows].iter().enumerate() {
                 let to = &mut outputs[cell as usize * m..(cell as usize + 1) * m];
@@ -282,13 +213,11 @@ impl<T: Number> Decoder<T> {
         gradients: &mut Gradients,
     ) {
         let (isa, columns, m) = (self.isa, self.columns, self.n_outputs);
-        let silu = self.function == Function::Silu;
-        for i in 0..blocks::<T>(graph.cells.len()).len() {
-            let rows = block::<T>(i, graph.cells.len());
-            let n = rows.len();
-            let range = rows.start * columns..rows.end * columns;
-            let stride = self.last.forward().columns();
-            let bias = gradients.block(self.biases[self.biases.len() - 1].slot);
+        for rows in blocks::<T>(graph.cells.len()) {
+            let (n, range) = (rows.len(), numbers(&rows, columns));
+            let last = &self.last.weight;
+            let stride = last.forward.columns();
+            let bias = gradients.block(self.last.bias.slot);
             fp32.narrow[..n * stride].fill(0.0);
             for (i, &(_, cell)) in graph.cells[rows.clone()].iter().enumerate() {
                 let from = &d_outputs[cell as usize * m..(cell as usize + 1) * m];
@@ -296,29 +225,16 @@ impl<T: Number> Decoder<T> {
                 bias.iter_mut().zip(from).for_each(|(sum, d)| *sum += d);
             }
             let Work { wide, narrow: dy, pairs } = &mut *fp32;
-            let x = (&tape.last[0][range.clone()], columns);
-            self.last.learn((dy, stride), x, n, gradients, pairs);
-            self.last.back((dy, stride), n, wide);
-            let kept = match silu {
-                true => Kept::Slope(&tape.last[1][range.clone()]),
-                false => Kept::Value(&tape.last[0][range.clone()]),
-            };
-            let bias = gradients.block(self.biases[self.inner.len()].slot);
-            activation_backward(isa, kept, (n, columns), wide, dy, bias);
+            last.learn((dy, stride), (&tape.last.value[range.clone()], columns), n, gradients, pairs);
+            last.back((dy, stride), n, wide);
+            let bias = self.inner.last().map_or(&self.first_bias, |layer| &layer.bias);
+            let sum = gradients.block(bias.slot);
+            activation_backward(isa, tape.last.kept(range.clone()), (n, columns), wide, dy, sum);
+            s.work.wide[..n * columns].copy_from_slice(&fp32.wide[..n * columns]);
+            narrow(isa, &fp32.wide[..n * columns], &mut s.work.narrow[..n * columns]);
+            let layers = (&self.inner[..], &tape.values[..]);
+            layers_backward(isa, layers, &self.first_bias, (&rows, columns), &mut s.work, gradients);
             let Work { wide, narrow: dz, pairs } = &mut s.work;
-            wide[..n * columns].copy_from_slice(&fp32.wide[..n * columns]);
-            narrow(isa, &fp32.wide[..n * columns], &mut dz[..n * columns]);
-            for (i, layer) in self.inner.iter().enumerate().rev() {
-                let value = &tape.values[i][range.clone()];
-                layer.learn((dz, columns), (value, columns), n, gradients, pairs);
-                layer.back((dz, columns), n, wide);
-                let kept = match silu {
-                    true => Kept::Slope(&tape.slopes[i][range.clone()]),
-                    false => Kept::Value(value),
-                };
-                let bias = gradients.block(self.biases[i].slot);
-                activation_backward(isa, kept, (n, columns), wide, dz, bias);
-            }
             let x = (&tape.latents[range], columns);
             self.first.learn((dz, columns), x, n, gradients, pairs);
             let cells = &graph.cells[rows];

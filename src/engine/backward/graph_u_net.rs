@@ -17,7 +17,6 @@ use m4gn_model::ModelSpec;
 use m4gn_structure::{Pooled, Transfer};
 
 /// The layers of a model: down, on the coarsest graph, up; and the vectors of the scores.
-#[derive(Debug)]
 pub struct GraphUNet<T> {
     columns: usize,
     layers: Vec<Layer<T>>,
@@ -25,7 +24,6 @@ pub struct GraphUNet<T> {
 }
 
 /// What they keep.
-#[derive(Debug)]
 pub struct GraphUNetTape<T> {
     layers: Vec<LayerTape<T>>,
     /// The coarser graphs of the last forward pass.
@@ -37,7 +35,6 @@ pub struct GraphUNetTape<T> {
 }
 
 /// A coarser graph.
-#[derive(Debug)]
 struct Below {
     order: Order,
     senders: Vec<i32>,
@@ -64,20 +61,11 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
         })
     }
 
-    fn load(&mut self, flat: &[f32]) {
-        self.layers.iter_mut().for_each(|l| l.load(flat));
-        self.scores.iter_mut().for_each(|s| s.load(flat));
-    }
-
-    fn bytes(&self) -> usize {
-        self.layers.iter().map(|l| l.bytes()).sum()
-    }
-
     fn tape(&self) -> GraphUNetTape<T> {
         GraphUNetTape {
             layers: self.layers.iter().map(LayerTape::new).collect(),
             below: Vec::new(),
-            rows: (0..=self.scores.len()).map(|_| Buffer::new(0)).collect(),
+            rows: (0..=self.scores.len()).map(|_| Buffer::default()).collect(),
             by_edges: vec![Vec::new(); self.scores.len() + 1],
         }
     }
@@ -87,10 +75,6 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
         let below =
             tape.below.iter().map(|b| 4 * (b.features.len() + b.latents.len() + 2 * b.edges.from.len()));
         layers + tape.rows.iter().map(|r| r.bytes()).sum::<usize>() + below.sum::<usize>()
-    }
-
-    fn segments(_: &GraphUNetTape<T>) -> Option<&[f32]> {
-        None
     }
 
     fn forward(

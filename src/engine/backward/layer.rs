@@ -1,6 +1,6 @@
 //! One message-passing layer (eq. 2 to 4), forward with what is kept, and backward.
 
-use super::mlp::{Mlp, MlpTape, Work, activate, fit};
+use super::mlp::{Mlp, MlpTape, Work, fit, numbers};
 use super::weights::{Dense, Gradients, Slots};
 use crate::kernels::{
     Addend, Buffer, Function, Isa, Normed, Number, Output, gather_add, narrow, padded, product, scatter_add,
@@ -26,7 +26,6 @@ impl<'a> Links<'a> {
 }
 
 /// Weights of a layer.
-#[derive(Debug)]
 pub struct Layer<T> {
     isa: Isa,
     columns: usize,
@@ -44,7 +43,6 @@ pub struct Layer<T> {
 }
 
 /// Weights of an edge network, the first one cut by input.
-#[derive(Debug)]
 struct EdgeNetwork<T> {
     /// Of latents, or of features.
     edge: Dense<T>,
@@ -57,7 +55,7 @@ impl<T: Number> EdgeNetwork<T> {
     /// Perceptron `name`.
     fn new(isa: Isa, slots: &mut Slots, name: &str, architecture: &Architecture) -> Result<Self> {
         let (d, first) = (architecture.width, format!("{name}.0"));
-        let k = slots.layout().find(&format!("{first}.weight"))?.1[1] - 2 * d;
+        let k = slots.layout.find(&format!("{first}.weight"))?.1[1] - 2 * d;
         Ok(EdgeNetwork {
             edge: Dense::columns(isa, slots, &first, 0, k)?,
             sender: Dense::columns(isa, slots, &first, k, d)?,
@@ -65,22 +63,9 @@ impl<T: Number> EdgeNetwork<T> {
             rest: Mlp::new(isa, slots, name, architecture)?,
         })
     }
-
-    /// Takes the weights of the flat vector.
-    fn load(&mut self, flat: &[f32]) {
-        [&mut self.edge, &mut self.sender, &mut self.receiver].into_iter().for_each(|b| b.load(flat));
-        self.rest.load(flat);
-    }
-
-    /// Bytes of the weights.
-    fn bytes(&self) -> usize {
-        [&self.edge, &self.sender, &self.receiver].iter().map(|d| d.bytes()).sum::<usize>()
-            + self.rest.bytes()
-    }
 }
 
 /// What a layer keeps.
-#[derive(Debug)]
 pub struct LayerTape<T> {
     /// Edges' latents before it, or their features.
     pub edges: Buffer<T>,
@@ -91,7 +76,6 @@ pub struct LayerTape<T> {
 }
 
 /// The buffers that all layers share, and those of the thread.
-#[derive(Debug)]
 pub struct Shared<T> {
     /// Rows at a time.
     pub work: Work<T>,
@@ -115,10 +99,10 @@ impl<T: Number> Shared<T> {
         let widest = widest.max((1 + kinds) * columns);
         Shared {
             work: Work::new(widest),
-            projected: Buffer::new(0),
+            projected: Buffer::default(),
             receivers: Buffer::new(rows * columns),
             sums: Buffer::new((rows + (kinds - 1) * WORLD) * columns),
-            d_projected: Buffer::new(0),
+            d_projected: Buffer::default(),
             d_both: Buffer::new(rows * (1 + kinds) * columns),
             zeros: vec![0.0; widest],
         }
@@ -139,19 +123,13 @@ impl<T: Number> Shared<T> {
     pub fn split(&mut self) -> (&mut Work<T>, &[f32]) {
         (&mut self.work, &self.zeros)
     }
-
-    /// Bytes.
-    pub fn bytes(&self) -> usize {
-        self.work.bytes() + self.projected.bytes() + self.d_projected.bytes()
-    }
 }
 
 impl<T: Number> LayerTape<T> {
-    /// Empty.
     pub fn new(layer: &Layer<T>) -> Self {
         LayerTape {
-            edges: Buffer::new(0),
-            nodes: Buffer::new(0),
+            edges: Buffer::default(),
+            nodes: Buffer::default(),
             edge: layer.edge.as_ref().map(|e| MlpTape::new(&e.rest)),
             node: MlpTape::new(&layer.node),
         }
@@ -166,7 +144,6 @@ impl<T: Number> LayerTape<T> {
         self.node.fit(nodes, columns);
     }
 
-    /// Bytes.
     pub fn bytes(&self) -> usize {
         let edge = self.edge.as_ref().map_or(0, |e| e.bytes());
         self.edges.bytes() + self.nodes.bytes() + edge + self.node.bytes()
@@ -194,18 +171,6 @@ impl<T: Number> Layer<T> {
         })
     }
 
-    /// Takes the weights of the flat vector.
-    pub fn load(&mut self, flat: &[f32]) {
-        self.edge.iter_mut().for_each(|e| e.load(flat));
-        self.node_first.load(flat);
-        self.node.load(flat);
-    }
-
-    /// Bytes of the weights.
-    pub fn bytes(&self) -> usize {
-        self.edge.as_ref().map_or(0, |e| e.bytes()) + self.node_first.bytes() + self.node.bytes()
-    }
-
     /// Advances the nodes in place; `next` gets the edges' latents behind the layer, unless nothing reads them.
     pub fn forward(
         &self,
@@ -225,25 +190,25 @@ impl<T: Number> Layer<T> {
                 narrow(isa, h, &mut tape.nodes[i * wide..][..columns]);
             }
             let x = (&tape.nodes[tile.nodes.start * wide..], wide);
-            let out = &mut s.projected[tile.nodes.start * columns..tile.nodes.end * columns];
+            let out = &mut s.projected[numbers(&tile.nodes, columns)];
             if let Some(edge) = &self.edge {
-                product(isa, edge.sender.forward(), x, n, Addend::Nothing, none, Output::Narrow(out));
+                product(isa, &edge.sender.forward, x, n, Addend::Nothing, none, Output::Narrow(out));
             }
         }
         // The last layer's edges are needed for their sums alone.
-        let mut unread: Buffer<T> = Buffer::new(0);
+        let mut unread: Buffer<T> = Buffer::default();
         for tile in tiles {
             let n = tile.nodes.len();
             let x = (&tape.nodes[tile.nodes.start * wide..], wide);
             if let Some(edge) = &self.edge {
                 let bias = Addend::Bias(&edge.rest.first_bias.data);
-                product(isa, edge.receiver.forward(), x, n, bias, none, Output::Wide(&mut s.receivers[..]));
+                product(isa, &edge.receiver.forward, x, n, bias, none, Output::Wide(&mut s.receivers[..]));
             }
             for kind in (0..s.sums.len()).step_by(WORLD * columns) {
                 s.sums[kind..][..n * columns].fill(0.0);
             }
             for chunk in tile.chunks::<T>() {
-                let range = chunk.start * columns..chunk.end * columns;
+                let range = numbers(&chunk, columns);
                 let (m, owner, first) = (chunk.len(), &order.receivers[chunk.clone()], tile.nodes.start);
                 let into = &sums[chunk.clone()];
                 let before = &tape.edges[range.clone()];
@@ -258,9 +223,8 @@ impl<T: Number> Layer<T> {
                     owner,
                     first,
                 };
-                let (value, slope) = kept.first(&chunk, columns);
-                let (weight, f) = (edge.edge.forward(), edge.rest.function());
-                activate(isa, weight, (before, columns), m, ends, f, &mut s.work.wide, value, slope);
+                let (weight, x) = (&edge.edge.forward, (before, columns));
+                kept.first().fill(isa, weight, x, &chunk, ends, &mut s.work.wide);
                 let keep = next.is_some();
                 let edges = match next.as_deref_mut() {
                     Some(next) => &mut next[range],
@@ -286,10 +250,9 @@ impl<T: Number> Layer<T> {
             }
             let x = (&tape.nodes[tile.nodes.start * wide..], wide);
             let bias = Addend::Bias(&self.node.first_bias.data);
-            let (value, slope) = tape.node.first(&tile.nodes, columns);
-            let (weight, f) = (self.node_first.forward(), self.node.function());
-            activate(isa, weight, x, n, bias, f, &mut s.work.wide, value, slope);
-            let own = &mut nodes[tile.nodes.start * columns..tile.nodes.end * columns];
+            let weight = &self.node_first.forward;
+            tape.node.first().fill(isa, weight, x, &tile.nodes, bias, &mut s.work.wide);
+            let own = &mut nodes[numbers(&tile.nodes, columns)];
             self.node.forward(&mut tape.node, &tile.nodes, &mut s.work.wide, Normed::Residual(own));
         }
     }
@@ -310,7 +273,7 @@ impl<T: Number> Layer<T> {
         s.d_projected[..n_nodes * columns].fill(0.0);
         for tile in tiles {
             let n = tile.nodes.len();
-            let own = tile.nodes.start * columns..tile.nodes.end * columns;
+            let own = numbers(&tile.nodes, columns);
             let x = (&tape.nodes[tile.nodes.start * wide..], wide);
             s.work.wide[..n * columns].copy_from_slice(&d_nodes[own.clone()]);
             self.node.backward(&tape.node, &tile.nodes, &mut s.work, gradients);
@@ -328,7 +291,7 @@ impl<T: Number> Layer<T> {
             s.receivers[..n * columns].fill(0.0);
             for chunk in tile.chunks::<T>() {
                 let m = chunk.len();
-                let range = chunk.start * columns..chunk.end * columns;
+                let range = numbers(&chunk, columns);
                 let (owner, first) = (&order.receivers[chunk.clone()], tile.nodes.start);
                 let into = &sums[chunk.clone()];
                 let d = &mut d_edges[range.clone()];
@@ -371,7 +334,7 @@ impl<T: Number> Layer<T> {
         let Some(edge) = &self.edge else { return };
         for tile in tiles {
             let n = tile.nodes.len();
-            let own = tile.nodes.start * columns..tile.nodes.end * columns;
+            let own = numbers(&tile.nodes, columns);
             let x = (&tape.nodes[tile.nodes.start * wide..], wide);
             let Work { narrow: dy, pairs, .. } = &mut s.work;
             narrow(isa, &s.d_projected[own.clone()], &mut dy[..n * columns]);

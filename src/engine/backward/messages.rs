@@ -5,7 +5,7 @@ use super::dispatch::Dispatch;
 use super::encoder_decoder::{Encoder, EncoderTape};
 use super::graph::TrainGraph;
 use super::layer::{Layer, LayerTape, Links};
-use super::mlp::fit;
+use super::mlp::{fit, numbers};
 use super::network::Buffers;
 use super::processor::Processor;
 use super::stage::{Stage, StageTape};
@@ -17,7 +17,6 @@ use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 
 /// The layers and the macro stage of a model.
-#[derive(Debug)]
 pub struct Messages<T> {
     pub(super) isa: Isa,
     pub(super) columns: usize,
@@ -28,11 +27,9 @@ pub struct Messages<T> {
     layers_before: usize,
     pub(super) stage: Option<Stage>,
     pub(super) dispatch: Option<Dispatch<T>>,
-    heads: usize,
 }
 
 /// What they keep.
-#[derive(Debug)]
 pub struct MessagesTape<T> {
     edges: EncoderTape<T>,
     /// Row of the sum that each edge adds to, where edges are of several kinds.
@@ -77,21 +74,7 @@ impl<T: Number> Processor<T> for Messages<T> {
             layers_before: a.m4gn().map_or(a.layers(), |m| m.layers_before),
             stage,
             dispatch,
-            heads: a.segment_transformer().map_or(0, |m| m.heads),
         })
-    }
-
-    fn load(&mut self, flat: &[f32]) {
-        self.edges.iter_mut().for_each(|e| e.load(flat));
-        self.layers.iter_mut().for_each(|l| l.load(flat));
-        self.stage.iter_mut().for_each(|s| s.load(flat));
-        self.dispatch.iter_mut().for_each(|d| d.load(flat));
-    }
-
-    fn bytes(&self) -> usize {
-        let layers: usize = self.layers.iter().map(|l| l.bytes()).sum();
-        let edges: usize = self.edges.iter().map(|e| e.bytes()).sum();
-        layers + edges + self.stage.as_ref().map_or(0, |s| s.bytes())
     }
 
     fn tape(&self) -> MessagesTape<T> {
@@ -99,8 +82,8 @@ impl<T: Number> Processor<T> for Messages<T> {
             edges: EncoderTape::new(&self.edges[0]),
             sums: Vec::new(),
             layers: self.layers.iter().map(LayerTape::new).collect(),
-            stage: self.stage.as_ref().map(|s| s.tape(self.heads)),
-            dispatched: Buffer::new(0),
+            stage: self.stage.as_ref().map(|s| s.tape()),
+            dispatched: Buffer::default(),
         }
     }
 
@@ -138,7 +121,7 @@ impl<T: Number> Processor<T> for Messages<T> {
             let wide = &mut work.shared.work.wide;
             for rows in blocks::<T>(n_edges) {
                 for (run, kind) in runs(rows, &links.order.receivers, links.sums) {
-                    let out = &mut first.edges[run.start * columns..run.end * columns];
+                    let out = &mut first.edges[numbers(&run, columns)];
                     self.edges[kind].forward(edges, &run, wide, Normed::Narrow(out));
                 }
             }
@@ -193,8 +176,7 @@ impl<T: Number> Processor<T> for Messages<T> {
         let of_kinds = |rows| runs(rows, &links.order.receivers, links.sums);
         for (rows, kind) in blocks::<T>(n_edges).flat_map(of_kinds) {
             let n = rows.len();
-            shared.work.wide[..n * columns]
-                .copy_from_slice(&d_edges[rows.start * columns..rows.end * columns]);
+            shared.work.wide[..n * columns].copy_from_slice(&d_edges[numbers(&rows, columns)]);
             let wanted = edges.is_some().then_some(&mut d_features[..]);
             let work = &mut shared.work;
             self.edges[kind].backward(&tape.edges, &rows, work, fp32, gradients, wanted);

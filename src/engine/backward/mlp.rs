@@ -1,6 +1,6 @@
 //! A perceptron behind the product of its first layer: its forward pass with what is kept, and its backward pass.
 
-use super::weights::{Dense, Gradients, NormWeights, Slots, Vector};
+use super::weights::{Gradients, Linear, NormWeights, Slots, Vector};
 use crate::kernels::{
     Addend, Bf16, Buffer, Function, Isa, Kept, Normed, Number, Output, Packed, Pairs, activation_backward,
     layer_norm_keep, narrow, norm_backward, padded, product, silu_keep,
@@ -20,30 +20,25 @@ pub fn fit<T: Number>(buffer: &mut Buffer<T>, len: usize) {
 }
 
 /// Weights of the layers behind the first one, and of the layer norm at the end.
-#[derive(Debug)]
 pub struct Mlp<T> {
     isa: Isa,
     /// Columns of the latents, padded.
     pub columns: usize,
     /// Bias of the first layer.
     pub first_bias: Vector,
-    tail: Vec<Dense<T>>,
-    biases: Vec<Vector>,
+    tail: Vec<Linear<T>>,
     norm: NormWeights,
     function: Function,
 }
 
 /// What a perceptron keeps, a row each.
-#[derive(Debug)]
 pub struct MlpTape<T> {
-    values: Vec<Buffer<T>>,
-    slopes: Vec<Buffer<T>>,
+    values: Vec<Activated<T>>,
     normed: Buffer<T>,
     scale: Buffer<f32>,
 }
 
 /// One thread's buffers.
-#[derive(Debug)]
 pub struct Work<T> {
     /// Outputs, and derivatives, in fp32.
     pub wide: Buffer<f32>,
@@ -62,11 +57,6 @@ impl<T: Number> Work<T> {
             pairs: Pairs::new(ROWS, columns, columns),
         }
     }
-
-    /// Bytes.
-    pub fn bytes(&self) -> usize {
-        self.wide.bytes() + self.narrow.bytes()
-    }
 }
 
 /// The kernels' name of an activation.
@@ -77,143 +67,131 @@ pub fn function(architecture: &Architecture) -> Function {
     }
 }
 
-/// `f(x W + addend)` in rows of `columns` to `value`, and to `slope` its derivative where the value does not tell it.
-#[allow(clippy::too_many_arguments)]
-pub fn activate<T: Number>(
-    isa: Isa,
-    weight: &Packed<T>,
-    x: (&[T], usize),
-    n: usize,
-    addend: Addend<T>,
-    function: Function,
-    wide: &mut [f32],
-    value: &mut [T],
-    slope: &mut [T],
-) {
-    match function {
-        Function::Silu => {
-            let size = n * weight.columns();
-            let out = Output::Wide(&mut wide[..size]);
-            product(isa, weight, x, n, addend, Function::Identity, out);
-            silu_keep(isa, &wide[..size], value, slope);
+/// What an activation leaves, a row each: its values, and its derivative where the values do not tell it.
+pub struct Activated<T> {
+    pub value: Buffer<T>,
+    slope: Option<Buffer<T>>,
+}
+
+impl<T: Number> Activated<T> {
+    pub fn new(function: Function) -> Self {
+        Activated { value: Buffer::default(), slope: (function == Function::Silu).then(Buffer::default) }
+    }
+
+    /// Room for so many numbers.
+    pub fn fit(&mut self, len: usize) {
+        fit(&mut self.value, len);
+        self.slope.iter_mut().for_each(|s| fit(s, len));
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.value.bytes() + self.slope.as_ref().map_or(0, |s| s.bytes())
+    }
+
+    /// `f(x W + addend)` to these rows.
+    pub fn fill(
+        &mut self,
+        isa: Isa,
+        weight: &Packed<T>,
+        x: (&[T], usize),
+        rows: &Range<usize>,
+        addend: Addend<T>,
+        wide: &mut [f32],
+    ) {
+        if self.slope.is_some() {
+            return self.fill_from(isa, weight, x, rows, addend, wide);
         }
-        f => product(isa, weight, x, n, addend, f, Output::Narrow(value)),
+        let out = Output::Narrow(&mut self.value[numbers(rows, weight.columns())]);
+        product(isa, weight, x, rows.len(), addend, Function::Relu, out);
+    }
+
+    /// The same from a layer in another precision.
+    pub fn fill_from<U: Number>(
+        &mut self,
+        isa: Isa,
+        weight: &Packed<U>,
+        x: (&[U], usize),
+        rows: &Range<usize>,
+        addend: Addend<U>,
+        wide: &mut [f32],
+    ) {
+        let range = numbers(rows, weight.columns());
+        let wide = &mut wide[..range.len()];
+        let f = if self.slope.is_some() { Function::Identity } else { Function::Relu };
+        product(isa, weight, x, rows.len(), addend, f, Output::Wide(wide));
+        let value = &mut self.value[range.clone()];
+        match &mut self.slope {
+            Some(slope) => silu_keep(isa, wide, value, &mut slope[range]),
+            None => narrow(isa, wide, value),
+        }
+    }
+
+    /// As [`activation_backward`] reads these numbers.
+    pub fn kept(&self, range: Range<usize>) -> Kept<'_, T> {
+        match &self.slope {
+            Some(slope) => Kept::Slope(&slope[range]),
+            None => Kept::Value(&self.value[range]),
+        }
     }
 }
 
-/// The same with a first layer in fp32.
-#[allow(clippy::too_many_arguments)]
-pub fn activate_wide<T: Number>(
-    isa: Isa,
-    weight: &Packed<f32>,
-    x: (&[f32], usize),
-    n: usize,
-    addend: Addend<f32>,
-    function: Function,
-    wide: &mut [f32],
-    value: &mut [T],
-    slope: &mut [T],
-) {
-    let size = n * weight.columns();
-    let silu = function == Function::Silu;
-    let f = if silu { Function::Identity } else { function };
-    product(isa, weight, x, n, addend, f, Output::Wide(&mut wide[..size]));
-    match silu {
-        true => silu_keep(isa, &wide[..size], value, slope),
-        false => narrow(isa, &wide[..size], &mut value[..size]),
-    }
+/// Where rows of so many columns stand.
+pub fn numbers(rows: &Range<usize>, columns: usize) -> Range<usize> {
+    rows.start * columns..rows.end * columns
 }
 
 impl<T: Number> MlpTape<T> {
-    /// Empty.
     pub fn new<U>(mlp: &Mlp<U>) -> Self {
-        let n = mlp.tail.len();
-        let silu = mlp.function == Function::Silu;
-        let empty = |n: usize| (0..n).map(|_| Buffer::new(0)).collect();
         MlpTape {
-            values: empty(n),
-            slopes: empty(if silu { n } else { 0 }),
-            normed: Buffer::new(0),
-            scale: Buffer::new(0),
+            values: mlp.tail.iter().map(|_| Activated::new(mlp.function)).collect(),
+            normed: Buffer::default(),
+            scale: Buffer::default(),
         }
     }
 
     /// Room for this many rows.
     pub fn fit(&mut self, rows: usize, columns: usize) {
-        for buffer in self.values.iter_mut().chain(&mut self.slopes) {
-            fit(buffer, rows * columns);
-        }
+        self.values.iter_mut().for_each(|v| v.fit(rows * columns));
         fit(&mut self.normed, rows * columns);
         fit(&mut self.scale, rows);
     }
 
-    /// Where the first layer's activation of some rows goes, and its derivative.
-    pub fn first(&mut self, rows: &Range<usize>, columns: usize) -> (&mut [T], &mut [T]) {
-        let range = rows.start * columns..rows.end * columns;
-        let slope = match self.slopes.first_mut() {
-            Some(slope) => &mut slope[range.clone()],
-            None => &mut [],
-        };
-        (&mut self.values[0][range], slope)
+    /// Of the first layer.
+    pub fn first(&mut self) -> &mut Activated<T> {
+        &mut self.values[0]
     }
 
-    /// Bytes.
     pub fn bytes(&self) -> usize {
-        let rows = self.values.iter().chain(&self.slopes).map(|b| b.bytes());
-        rows.sum::<usize>() + self.normed.bytes() + self.scale.bytes()
+        self.values.iter().map(|v| v.bytes()).sum::<usize>() + self.normed.bytes() + self.scale.bytes()
     }
 }
 
 impl<T: Number> Mlp<T> {
     /// Layers 1 to h of perceptron `name`, whose latents all have width d, the first layer's bias and the norm.
     pub fn new(isa: Isa, slots: &mut Slots, name: &str, architecture: &Architecture) -> Result<Self> {
-        let layers = 1..=architecture.hidden_layers;
+        let layer = |i: usize| Linear::new(isa, slots, &format!("{name}.{i}"));
         Ok(Mlp {
             isa,
             columns: padded(architecture.width),
+            tail: (1..=architecture.hidden_layers).map(layer).collect::<Result<_>>()?,
             first_bias: Vector::new(slots, &format!("{name}.0.bias"))?,
-            tail: layers
-                .clone()
-                .map(|i| Dense::whole(isa, slots, &format!("{name}.{i}")))
-                .collect::<Result<_>>()?,
-            biases: layers.map(|i| Vector::new(slots, &format!("{name}.{i}.bias"))).collect::<Result<_>>()?,
             norm: NormWeights::new(slots, &format!("{name}.norm"))?,
             function: function(architecture),
         })
     }
 
-    /// Takes the weights of the flat vector.
-    pub fn load(&mut self, flat: &[f32]) {
-        self.first_bias.load(flat);
-        self.tail.iter_mut().for_each(|l| l.load(flat));
-        self.biases.iter_mut().for_each(|b| b.load(flat));
-        self.norm.load(flat);
-    }
-
-    /// Its activation.
-    pub fn function(&self) -> Function {
-        self.function
-    }
-
     /// From the first layer's activations in the tape to the normed output.
     pub fn forward(&self, tape: &mut MlpTape<T>, rows: &Range<usize>, wide: &mut [f32], out: Normed<T>) {
-        let (n, columns) = (rows.len(), self.columns);
-        let range = rows.start * columns..rows.end * columns;
-        let last = self.tail.len() - 1;
-        for (i, (layer, bias)) in self.tail.iter().zip(&self.biases).enumerate() {
+        let (n, range) = (rows.len(), numbers(rows, self.columns));
+        for (i, layer) in self.tail.iter().enumerate() {
             let (done, next) = tape.values.split_at_mut(i + 1);
-            let x = (&done[i][range.clone()], columns);
-            let addend = Addend::Bias(&bias.data);
-            if i == last {
-                let out = Output::Wide(&mut wide[..n * columns]);
-                product(self.isa, layer.forward(), x, n, addend, Function::Identity, out);
-            } else {
-                let slope = match tape.slopes.get_mut(i + 1) {
-                    Some(slope) => &mut slope[range.clone()],
-                    None => &mut [],
-                };
-                let value = &mut next[0][range.clone()];
-                activate(self.isa, layer.forward(), x, n, addend, self.function, wide, value, slope);
+            let (weight, x) = (&layer.weight.forward, (&done[i].value[range.clone()], self.columns));
+            match next.first_mut() {
+                Some(next) => next.fill(self.isa, weight, x, rows, layer.bias(), wide),
+                None => {
+                    let out = Output::Wide(&mut wide[..range.len()]);
+                    product(self.isa, weight, x, n, layer.bias(), Function::Identity, out);
+                }
             }
         }
         let keep = (&mut tape.normed[range], &mut tape.scale[rows.clone()]);
@@ -229,33 +207,33 @@ impl<T: Number> Mlp<T> {
         work: &mut Work<T>,
         gradients: &mut Gradients,
     ) {
-        let (n, columns) = (rows.len(), self.columns);
-        let range = rows.start * columns..rows.end * columns;
-        let Work { wide, narrow, pairs } = work;
-        let [gain, shift] = self.norm.slots();
-        let last = self.tail.len() - 1;
-        let sums = gradients.three([gain, shift, self.biases[last].slot]);
-        let kept = (&tape.normed[range.clone()], &tape.scale[rows.clone()]);
-        norm_backward(self.isa, &self.norm.norm, kept, n, wide, narrow, sums);
-        for i in (0..=last).rev() {
-            let layer = &self.tail[i];
-            let value = &tape.values[i][range.clone()];
-            layer.learn((narrow, columns), (value, columns), n, gradients, pairs);
-            layer.back((narrow, columns), n, wide);
-            let kept = match tape.slopes.get(i) {
-                Some(slope) => Kept::Slope(&slope[range.clone()]),
-                None => Kept::Value(value),
-            };
-            let bias = match i {
-                0 => self.first_bias.slot,
-                i => self.biases[i - 1].slot,
-            };
-            activation_backward(self.isa, kept, (n, columns), wide, narrow, gradients.block(bias));
-        }
+        let range = numbers(rows, self.columns);
+        let [gain, shift] = self.norm.slots;
+        let bias = self.tail.last().map_or(&self.first_bias, |layer| &layer.bias).slot;
+        let kept = (&tape.normed[range], &tape.scale[rows.clone()]);
+        let sums = gradients.three([gain, shift, bias]);
+        norm_backward(self.isa, &self.norm.norm, kept, rows.len(), &mut work.wide, &mut work.narrow, sums);
+        let layers = (&self.tail[..], &tape.values[..]);
+        layers_backward(self.isa, layers, &self.first_bias, (rows, self.columns), work, gradients);
     }
+}
 
-    /// Bytes of the weights.
-    pub fn bytes(&self) -> usize {
-        self.tail.iter().map(|l| l.bytes()).sum()
+/// From dL/d (what layers of so many columns each give) of some rows, in `wide` and `narrow`, to dL/d (what the activation before the
+/// first of them is applied to). `first_bias` is that of the layer before.
+pub fn layers_backward<T: Number>(
+    isa: Isa,
+    (layers, values): (&[Linear<T>], &[Activated<T>]),
+    first_bias: &Vector,
+    (rows, columns): (&Range<usize>, usize),
+    Work { wide, narrow, pairs }: &mut Work<T>,
+    gradients: &mut Gradients,
+) {
+    let (n, range) = (rows.len(), numbers(rows, columns));
+    for (i, (layer, value)) in layers.iter().zip(values).enumerate().rev() {
+        layer.weight.learn((narrow, columns), (&value.value[range.clone()], columns), n, gradients, pairs);
+        layer.weight.back((narrow, columns), n, wide);
+        let bias = i.checked_sub(1).map_or(first_bias, |i| &layers[i].bias);
+        let sum = gradients.block(bias.slot);
+        activation_backward(isa, value.kept(range.clone()), (n, columns), wide, narrow, sum);
     }
 }

@@ -44,10 +44,8 @@ use graph_u_net::GraphUNet;
 use m4gn_base::Result;
 use m4gn_model::{Kind, ModelSpec};
 use messages::Messages;
-use network::{Network, Thread};
-use processor::Processor;
+use network::Network;
 use std::any::Any;
-use std::fmt::Debug;
 
 /// Mean and deviation of the channels of features.
 #[derive(Clone, Debug, PartialEq)]
@@ -105,168 +103,77 @@ pub struct InputGradient {
     pub edges: Option<Vec<Vec<f32>>>,
 }
 
-/// The network with its weights, for gradients; shared by threads.
-#[derive(Debug)]
-pub struct Trainable(Box<dyn AnyNetwork>);
-
 /// One thread's buffers: what applications of the network keep, and sums of gradients.
-#[derive(Debug)]
 pub struct Worker(Box<dyn Any + Send + Sync>);
 
-/// A network of any kind and precision.
-trait AnyNetwork: Debug + Send + Sync {
+/// The network with its weights, for gradients, of any kind and precision; shared by threads.
+pub trait Trainable: Send + Sync {
+    /// The order of the flat vector of weights.
     fn layout(&self) -> &Layout;
-    fn load(&mut self, flat: &[f32]);
+
+    /// Takes the weights of the flat vector, which is as long as the layout.
+    ///
+    /// # Errors
+    /// As [`trainable`].
+    fn load(&mut self, flat: &[f32]) -> Result<()>;
+
+    /// Buffers of another thread.
     fn worker(&self) -> Worker;
-    fn forward(&self, worker: &mut Worker, at: usize, task: Task, inputs: &[f32], outputs: &mut [f32]);
-    fn backward(
-        &self,
-        worker: &mut Worker,
-        at: usize,
-        task: Task,
-        d_outputs: &[f32],
-        inputs: Option<&mut InputGradient>,
-    );
-    fn flush(&self, worker: &mut Worker, flat: &mut [f32]);
-    fn memory(&self, worker: &Worker) -> (usize, usize, usize);
-}
 
-/// What a network is applied to.
-type Task<'a> = (&'a TrainGraph, &'a Scales);
-
-impl<T: Number, P: Processor<T>> Network<T, P> {
-    fn of<'a>(&self, worker: &'a mut Worker) -> &'a mut Thread<T, P::Tape> {
-        match worker.0.downcast_mut() {
-            Some(thread) => thread,
-            None => unreachable!("a worker of another network"),
-        }
-    }
-}
-
-impl<T: Number, P: Processor<T>> AnyNetwork for Network<T, P> {
-    fn layout(&self) -> &Layout {
-        self.layout()
-    }
-
-    fn load(&mut self, flat: &[f32]) {
-        self.load(flat);
-    }
-
-    fn worker(&self) -> Worker {
-        Worker(Box::new(self.thread()))
-    }
-
+    /// From physical node inputs `[nodes x n_field_inputs]` to normalised outputs `[cells x n_outputs]`; what
+    /// [`Trainable::backward`] needs is kept in tape `at` of the worker.
     fn forward(
         &self,
         worker: &mut Worker,
         at: usize,
-        (graph, scales): Task,
+        graph: &TrainGraph,
+        scales: &Scales,
         inputs: &[f32],
         outputs: &mut [f32],
-    ) {
-        self.forward(graph, scales, inputs, outputs, self.of(worker), at);
-    }
+    );
 
+    /// From dL/d normalised outputs of the application kept in tape `at`, which is spoilt: adds to the worker's gradient, and
+    /// writes dL/d physical inputs where asked for.
     fn backward(
         &self,
         worker: &mut Worker,
         at: usize,
-        (graph, scales): Task,
+        graph: &TrainGraph,
+        scales: &Scales,
         d_outputs: &[f32],
         inputs: Option<&mut InputGradient>,
-    ) {
-        self.backward(graph, scales, d_outputs, self.of(worker), at, inputs);
-    }
+    );
 
-    fn flush(&self, worker: &mut Worker, flat: &mut [f32]) {
-        self.flush(self.of(worker), flat);
-    }
+    /// Adds the worker's gradient to a flat one and clears it.
+    fn flush(&self, worker: &mut Worker, flat: &mut [f32]);
 
-    fn memory(&self, worker: &Worker) -> (usize, usize, usize) {
-        match worker.0.downcast_ref() {
-            Some(thread) => self.memory(thread),
-            None => unreachable!("a worker of another network"),
-        }
+    /// Bytes of the worker's largest tape.
+    fn kept(&self, worker: &mut Worker) -> usize;
+}
+
+/// The network of a model's shape, with all weights zero until [`Trainable::load`].
+///
+/// # Errors
+/// [`m4gn_base::Error::Model`] for a shape beyond a model's limits.
+pub fn trainable(spec: &ModelSpec, precision: Precision, isa: Option<Isa>) -> Result<Box<dyn Trainable>> {
+    let isa = isa.unwrap_or_else(Isa::detect);
+    super::check_precision(spec, precision)?;
+    match precision {
+        Precision::Fp32 => of_kind::<f32>(spec, isa),
+        Precision::Bf16 => of_kind::<Bf16>(spec, isa),
     }
 }
 
 /// The network of a model's kind. One that only libtorch can train has an error here, which says to use
 /// `--backend torch`.
-fn of_kind<T: Number>(spec: &ModelSpec, isa: Isa) -> Result<Box<dyn AnyNetwork>> {
+fn of_kind<T: Number>(spec: &ModelSpec, isa: Isa) -> Result<Box<dyn Trainable>> {
+    let zeros = vec![0.0; Layout::new(spec).len()];
     Ok(match spec.architecture.kind {
         Kind::M4gn(_) | Kind::Eagle(_) | Kind::MeshGraphNet { .. } => {
-            Box::new(Network::<T, Messages<T>>::new(spec, isa)?)
+            Box::new(Network::<T, Messages<T>>::new(spec, isa, &zeros)?)
         }
-        Kind::Gcn { .. } => Box::new(Network::<T, Convolutions<T>>::new(spec, isa)?),
-        Kind::BsmsGnn { .. } => Box::new(Network::<T, BiStride<T>>::new(spec, isa)?),
-        Kind::GUNet { .. } => Box::new(Network::<T, GraphUNet<T>>::new(spec, isa)?),
+        Kind::Gcn { .. } => Box::new(Network::<T, Convolutions<T>>::new(spec, isa, &zeros)?),
+        Kind::BsmsGnn { .. } => Box::new(Network::<T, BiStride<T>>::new(spec, isa, &zeros)?),
+        Kind::GUNet { .. } => Box::new(Network::<T, GraphUNet<T>>::new(spec, isa, &zeros)?),
     })
-}
-
-impl Trainable {
-    /// Of a model's shape, with all weights zero until [`Trainable::load`].
-    ///
-    /// # Errors
-    /// [`m4gn_base::Error::Model`] for a shape beyond a model's limits.
-    pub fn new(spec: &ModelSpec, precision: Precision, isa: Option<Isa>) -> Result<Self> {
-        let isa = isa.unwrap_or_else(Isa::detect);
-        super::check_precision(spec, precision)?;
-        Ok(Trainable(match precision {
-            Precision::Fp32 => of_kind::<f32>(spec, isa)?,
-            Precision::Bf16 => of_kind::<Bf16>(spec, isa)?,
-        }))
-    }
-
-    /// The order of the flat vector of weights.
-    pub fn layout(&self) -> &Layout {
-        self.0.layout()
-    }
-
-    /// Takes the weights of the flat vector, which is as long as the layout.
-    pub fn load(&mut self, flat: &[f32]) {
-        self.0.load(flat);
-    }
-
-    /// Buffers of another thread.
-    pub fn worker(&self) -> Worker {
-        self.0.worker()
-    }
-
-    /// From physical node inputs `[nodes x n_field_inputs]` to normalised outputs `[cells x n_outputs]`; what
-    /// [`Trainable::backward`] needs is kept in tape `at` of the worker.
-    pub fn forward(
-        &self,
-        worker: &mut Worker,
-        at: usize,
-        graph: &TrainGraph,
-        scales: &Scales,
-        inputs: &[f32],
-        outputs: &mut [f32],
-    ) {
-        self.0.forward(worker, at, (graph, scales), inputs, outputs);
-    }
-
-    /// From dL/d normalised outputs of the application kept in tape `at`, once: adds to the worker's gradient, and writes
-    /// dL/d inputs where asked for.
-    pub fn backward(
-        &self,
-        worker: &mut Worker,
-        at: usize,
-        graph: &TrainGraph,
-        scales: &Scales,
-        d_outputs: &[f32],
-        inputs: Option<&mut InputGradient>,
-    ) {
-        self.0.backward(worker, at, (graph, scales), d_outputs, inputs);
-    }
-
-    /// Adds the worker's gradient to a flat one and clears it.
-    pub fn flush(&self, worker: &mut Worker, flat: &mut [f32]) {
-        self.0.flush(worker, flat);
-    }
-
-    /// Bytes of the packed weights, of a worker without its tapes, and of each tape.
-    pub fn memory(&self, worker: &Worker) -> (usize, usize, usize) {
-        self.0.memory(worker)
-    }
 }

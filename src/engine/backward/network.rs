@@ -5,23 +5,23 @@ use super::encoder_decoder::{Decoder, DecoderTape, Encoder, EncoderTape};
 use super::graph::TrainGraph;
 use super::layer::Shared;
 use super::layout::Layout;
-use super::mlp::{Work, fit};
+use super::mlp::{Work, fit, numbers};
 use super::perceptron::{Perceptron, PerceptronTape};
 use super::processor::Processor;
-use super::weights::{Gradients, Slots};
-use super::{InputGradient, Scales};
+use super::weights::{Gradients, Places, Slots};
+use super::{InputGradient, Scales, Trainable, Worker};
 use crate::kernels::{Addend, Buffer, Function, Isa, Normed, Number, Output, Tiles, padded, product};
 use crate::tiles::blocks;
 use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 
 /// Weights, shared by all threads; `P` is what stands between the encoder of the nodes and the decoder.
-#[derive(Debug)]
 pub struct Network<T, P> {
     isa: Isa,
     spec: ModelSpec,
     columns: usize,
-    slots: Slots,
+    layout: Layout,
+    places: Places,
     nodes: Encoder<T>,
     /// f_np (section 3.4.1), which adds to the nodes' features.
     position: Option<Perceptron>,
@@ -30,7 +30,6 @@ pub struct Network<T, P> {
 }
 
 /// What one application of the network keeps for its backward pass.
-#[derive(Debug)]
 pub struct Tape<T, K> {
     nodes: EncoderTape<T>,
     position: PerceptronTape,
@@ -39,7 +38,6 @@ pub struct Tape<T, K> {
 }
 
 /// What the parts of a network work on, of one thread.
-#[derive(Debug)]
 pub struct Buffers<T> {
     pub shared: Shared<T>,
     pub fp32: Work<f32>,
@@ -56,7 +54,6 @@ pub struct Buffers<T> {
 }
 
 /// One thread's buffers and sums.
-#[derive(Debug)]
 pub struct Thread<T, K> {
     work: Buffers<T>,
     gradients: Gradients,
@@ -65,10 +62,11 @@ pub struct Thread<T, K> {
 }
 
 impl<T: Number, P: Processor<T>> Network<T, P> {
-    /// Of a model's shape, with all weights zero until [`Network::load`].
-    pub fn new(spec: &ModelSpec, isa: Isa) -> Result<Self> {
+    /// Of a model's shape, with the weights of a flat vector.
+    pub fn new(spec: &ModelSpec, isa: Isa, flat: &[f32]) -> Result<Self> {
         spec.check()?;
-        let mut slots = Slots::new(Layout::new(spec));
+        let layout = Layout::new(spec);
+        let mut slots = Slots::new(&layout, flat);
         let s = &mut slots;
         let a = &spec.architecture;
         Ok(Network {
@@ -82,25 +80,30 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
             },
             processor: P::new(isa, s, spec)?,
             decoder: Decoder::new(isa, s, spec)?,
-            slots,
+            places: slots.places(),
+            layout,
         })
     }
 
-    /// The order of the flat vector.
-    pub fn layout(&self) -> &Layout {
-        self.slots.layout()
+    fn of<'a>(&self, worker: &'a mut Worker) -> &'a mut Thread<T, P::Tape> {
+        match worker.0.downcast_mut() {
+            Some(thread) => thread,
+            None => unreachable!("a worker of another network"),
+        }
+    }
+}
+
+impl<T: Number, P: Processor<T>> Trainable for Network<T, P> {
+    fn layout(&self) -> &Layout {
+        &self.layout
     }
 
-    /// Takes the weights of the flat vector.
-    pub fn load(&mut self, flat: &[f32]) {
-        self.nodes.load(flat);
-        self.position.iter_mut().for_each(|p| p.load(flat));
-        self.processor.load(flat);
-        self.decoder.load(flat);
+    fn load(&mut self, flat: &[f32]) -> Result<()> {
+        *self = Network::new(&self.spec, self.isa, flat)?;
+        Ok(())
     }
 
-    /// Buffers of another thread.
-    pub fn thread(&self) -> Thread<T, P::Tape> {
+    fn worker(&self) -> Worker {
         let a = &self.spec.architecture;
         let ffn = a.segment_transformer().map_or(0, |m| m.ffn_width);
         let features =
@@ -108,43 +111,39 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
         let position = self.spec.n_position_features().max(self.spec.n_outputs());
         let gates = if a.needs().sequences { 3 * a.width } else { 0 };
         let widest = padded(ffn.max(gates).max(features).max(position).max(a.width));
-        let empty = || Buffer::new(0);
-        Thread {
+        Worker(Box::new(Thread::<T, P::Tape> {
             work: Buffers {
                 shared: Shared::new(widest, self.columns, a.edge_kinds()),
                 fp32: Work::new(widest),
-                latents: empty(),
-                d_nodes: empty(),
-                d_edges: empty(),
-                table: empty(),
-                d_table: empty(),
-                d_segments: empty(),
+                latents: Buffer::default(),
+                d_nodes: Buffer::default(),
+                d_edges: Buffer::default(),
+                table: Buffer::default(),
+                d_table: Buffer::default(),
+                d_segments: Buffer::default(),
                 d_features: Buffer::new(super::mlp::ROWS * padded(features)),
             },
-            gradients: self.slots.gradients(),
+            gradients: self.places.gradients(),
             tapes: Vec::new(),
-        }
+        }))
     }
 
-    /// Adds a thread's sums to a flat gradient and clears them.
-    pub fn flush(&self, thread: &mut Thread<T, P::Tape>, flat: &mut [f32]) {
-        self.slots.flush(&mut thread.gradients, flat);
+    fn flush(&self, worker: &mut Worker, flat: &mut [f32]) {
+        self.places.flush(&mut self.of(worker).gradients, flat);
     }
 
-    /// From physical node inputs `[nodes x n_field_inputs]` to normalised outputs `[cells x n_outputs]`, keeping in tape
-    /// `at` of the thread what [`Network::backward`] needs.
-    pub fn forward(
+    fn forward(
         &self,
+        worker: &mut Worker,
+        at: usize,
         graph: &TrainGraph,
         scales: &Scales,
         inputs: &[f32],
         outputs: &mut [f32],
-        thread: &mut Thread<T, P::Tape>,
-        at: usize,
     ) {
         let (isa, columns, n_nodes) = (self.isa, self.columns, graph.n_nodes());
         let _tiles = Tiles::new(isa);
-        let Thread { work, tapes, .. } = thread;
+        let Thread { work, tapes, .. } = self.of(worker);
         while tapes.len() <= at {
             tapes.push(Tape {
                 nodes: EncoderTape::new(&self.nodes),
@@ -172,7 +171,7 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
         }
         let wide = &mut work.shared.work.wide;
         for rows in blocks::<T>(n_nodes) {
-            let out = &mut work.latents[rows.start * columns..rows.end * columns];
+            let out = &mut work.latents[numbers(&rows, columns)];
             self.nodes.forward(&mut tape.nodes, &rows, wide, Normed::Wide(out));
         }
         self.processor.forward(graph, scales, &mut tape.processor, work);
@@ -181,27 +180,25 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
             fit(&mut work.table, k * columns);
             let out = Output::Wide(&mut work.table[..]);
             let x = (stage, columns);
-            product(isa, weight.forward(), x, k, Addend::Nothing, Function::Identity, out);
+            product(isa, &weight.forward, x, k, Addend::Nothing, Function::Identity, out);
         }
         let from = (&work.latents[..], &work.table[..]);
         self.decoder.forward(graph, &mut tape.decoder, &mut work.shared, &mut work.fp32, from, outputs);
     }
 
-    /// From dL/d normalised outputs `[cells x n_outputs]` of the application in tape `at`, which is spoilt: gradients go
-    /// to the thread's sums, those of the physical inputs to `inputs`, where asked for.
-    pub fn backward(
+    fn backward(
         &self,
+        worker: &mut Worker,
+        at: usize,
         graph: &TrainGraph,
         scales: &Scales,
         d_outputs: &[f32],
-        thread: &mut Thread<T, P::Tape>,
-        at: usize,
         mut inputs: Option<&mut InputGradient>,
     ) {
         let columns = self.columns;
         let _tiles = Tiles::new(self.isa);
         let (n_nodes, k) = (graph.n_nodes(), graph.n_segments());
-        let Thread { work, gradients, tapes } = thread;
+        let Thread { work, gradients, tapes } = self.of(worker);
         let tape = &mut tapes[at];
         for (buffer, rows) in
             [(&mut work.d_nodes, n_nodes), (&mut work.d_table, k), (&mut work.d_segments, k)]
@@ -235,8 +232,7 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
         let Buffers { shared, fp32, d_nodes, d_features, .. } = work;
         for rows in blocks::<T>(n_nodes) {
             let n = rows.len();
-            shared.work.wide[..n * columns]
-                .copy_from_slice(&d_nodes[rows.start * columns..rows.end * columns]);
+            shared.work.wide[..n * columns].copy_from_slice(&d_nodes[numbers(&rows, columns)]);
             let wanted = (inputs.is_some() || self.position.is_some()).then_some(&mut d_features[..]);
             let work = &mut shared.work;
             self.nodes.backward(&tape.nodes, &rows, work, fp32, gradients, wanted);
@@ -255,18 +251,10 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
         }
     }
 
-    /// Bytes of the weights, of a thread's own buffers, and of each tape of it.
-    pub fn memory(&self, thread: &Thread<T, P::Tape>) -> (usize, usize, usize) {
-        let position = self.position.as_ref().map_or(0, |p| p.bytes());
-        let weights = self.nodes.bytes() + position + self.processor.bytes() + self.decoder.bytes();
-        let work = &thread.work;
-        let own = [&work.latents, &work.d_nodes, &work.d_edges, &work.table];
-        let own = own.map(|b| b.bytes()).iter().sum::<usize>();
-        let tape = thread
-            .tapes
-            .iter()
-            .map(|t| P::kept(&t.processor) + t.nodes.bytes() + t.position.bytes() + t.decoder.bytes());
-        let shared = work.shared.bytes() + work.fp32.bytes() + thread.gradients.bytes();
-        (weights, own + shared, tape.max().unwrap_or(0))
+    fn kept(&self, worker: &mut Worker) -> usize {
+        let tapes = self.of(worker).tapes.iter();
+        let bytes =
+            tapes.map(|t| P::kept(&t.processor) + t.nodes.bytes() + t.position.bytes() + t.decoder.bytes());
+        bytes.max().unwrap_or(0)
     }
 }

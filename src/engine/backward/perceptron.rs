@@ -1,38 +1,40 @@
 //! A perceptron in fp32 without a norm, on features that do not change with time: the positional encodings (section 3.4.1).
 
 use super::attention::{add, add_rows};
-use super::mlp::{Work, activate, fit, function};
-use super::weights::{Dense, Gradients, Slots, Vector};
-use crate::kernels::{Addend, Buffer, Function, Isa, Kept, Output, activation_backward, padded, product};
+use super::mlp::{Activated, Work, fit, function, numbers};
+use super::weights::{Gradients, Linear, Slots};
+use crate::kernels::{Buffer, Function, Isa, Output, activation_backward, padded, product};
 use crate::tiles::blocks;
 use m4gn_base::Result;
 use m4gn_model::Architecture;
 use std::ops::Range;
 
 /// Its weights.
-#[derive(Debug)]
 pub struct Perceptron {
     isa: Isa,
     /// Features.
     n: usize,
     /// Columns of the rows behind the hidden layers, and of the outputs, padded.
     columns: [usize; 2],
-    layers: Vec<Dense<f32>>,
-    biases: Vec<Vector>,
+    layers: Vec<Linear<f32>>,
     function: Function,
 }
 
-/// Features, then the values of each layer, and slopes of these.
-#[derive(Debug, Default)]
+/// Features, then the values of each layer.
+#[derive(Default)]
 pub struct PerceptronTape {
-    values: Vec<Buffer<f32>>,
-    slopes: Vec<Buffer<f32>>,
+    features: Buffer<f32>,
+    values: Vec<Activated<f32>>,
 }
 
 impl PerceptronTape {
-    /// Bytes.
     pub fn bytes(&self) -> usize {
-        self.values.iter().chain(&self.slopes).map(|b| b.bytes()).sum()
+        self.features.bytes() + self.values.iter().map(|v| v.bytes()).sum::<usize>()
+    }
+
+    /// What layer i reads.
+    fn before(&self, i: usize) -> &[f32] {
+        i.checked_sub(1).map_or(&self.features, |i| &self.values[i].value)
     }
 }
 
@@ -40,27 +42,16 @@ impl Perceptron {
     /// Perceptron `name`, of n features.
     pub fn new(isa: Isa, slots: &mut Slots, name: &str, n: usize, a: &Architecture) -> Result<Self> {
         let name = |i: usize| format!("{name}.{i}");
-        let outputs = slots.layout().find(&format!("{}.weight", name(a.hidden_layers)))?.1[0];
-        let all = 0..=a.hidden_layers;
+        let outputs = slots.layout.find(&format!("{}.weight", name(a.hidden_layers)))?.1[0];
         Ok(Perceptron {
             isa,
             n,
             columns: [padded(a.width), padded(outputs)],
-            layers: all.clone().map(|i| Dense::whole(isa, slots, &name(i))).collect::<Result<_>>()?,
-            biases: all.map(|i| Vector::new(slots, &format!("{}.bias", name(i)))).collect::<Result<_>>()?,
+            layers: (0..=a.hidden_layers)
+                .map(|i| Linear::new(isa, slots, &name(i)))
+                .collect::<Result<_>>()?,
             function: function(a),
         })
-    }
-
-    /// Takes the weights of the flat vector.
-    pub fn load(&mut self, flat: &[f32]) {
-        self.layers.iter_mut().for_each(|l| l.load(flat));
-        self.biases.iter_mut().for_each(|b| b.load(flat));
-    }
-
-    /// Bytes of the weights.
-    pub fn bytes(&self) -> usize {
-        self.layers.iter().map(|l| l.bytes()).sum()
     }
 
     /// Columns of what layer i reads.
@@ -72,27 +63,24 @@ impl Perceptron {
     pub fn forward(&self, features: &[f32], tape: &mut PerceptronTape, work: &mut Work<f32>, to: &mut [f32]) {
         let (isa, last) = (self.isa, self.layers.len() - 1);
         let count = features.len() / self.n;
-        for buffers in [&mut tape.values, &mut tape.slopes] {
-            buffers.resize_with(self.layers.len(), || Buffer::new(0));
-            buffers.iter_mut().enumerate().for_each(|(i, b)| fit(b, count * self.width(i)));
-        }
-        let rows = tape.values[0].chunks_exact_mut(self.width(0)).zip(features.chunks_exact(self.n));
+        fit(&mut tape.features, count * self.width(0));
+        tape.values.resize_with(last, || Activated::new(self.function));
+        tape.values.iter_mut().for_each(|v| v.fit(count * self.columns[0]));
+        let rows = tape.features.chunks_exact_mut(self.width(0)).zip(features.chunks_exact(self.n));
         rows.for_each(|(to, from)| to[..self.n].copy_from_slice(from));
         for rows in blocks::<f32>(count) {
-            let n = rows.len();
             for (i, layer) in self.layers.iter().enumerate() {
                 let width = self.width(i);
-                let (done, next) = tape.values.split_at_mut(i + 1);
-                let x = (&done[i][rows.start * width..rows.end * width], width);
-                let bias = Addend::Bias(&self.biases[i].data);
-                if i < last {
-                    let range = rows.start * self.columns[0]..rows.end * self.columns[0];
-                    let (value, slope) = (&mut next[0][range.clone()], &mut tape.slopes[i + 1][range]);
-                    activate(isa, layer.forward(), x, n, bias, self.function, &mut work.wide, value, slope);
-                } else {
-                    let out = Output::Wide(&mut work.wide[..]);
-                    product(isa, layer.forward(), x, n, bias, Function::Identity, out);
-                    add(&mut to[rows.start * self.columns[1]..rows.end * self.columns[1]], &work.wide);
+                let (done, next) = tape.values.split_at_mut(i);
+                let from = done.last().map_or(&tape.features, |v| &v.value);
+                let (weight, x) = (&layer.weight.forward, (&from[numbers(&rows, width)], width));
+                match next.first_mut() {
+                    Some(next) => next.fill(isa, weight, x, &rows, layer.bias(), &mut work.wide),
+                    None => {
+                        let out = Output::Wide(&mut work.wide[..]);
+                        product(isa, weight, x, rows.len(), layer.bias(), Function::Identity, out);
+                        add(&mut to[numbers(&rows, self.columns[1])], &work.wide);
+                    }
                 }
             }
         }
@@ -110,20 +98,17 @@ impl Perceptron {
         let (n, [columns, mut stride]) = (rows.len(), self.columns);
         let d = &d[..n * stride];
         work.narrow[..d.len()].copy_from_slice(d);
-        add_rows(d, stride, gradients.block(self.biases[self.layers.len() - 1].slot));
+        add_rows(d, stride, gradients.block(self.layers[self.layers.len() - 1].bias.slot));
         for (i, layer) in self.layers.iter().enumerate().rev() {
             let width = self.width(i);
-            let range = rows.start * width..rows.end * width;
-            let x = &tape.values[i][range.clone()];
+            let range = numbers(rows, width);
             let Work { wide, narrow, pairs } = &mut *work;
-            layer.learn((&*narrow, stride), (x, width), n, gradients, pairs);
-            if i > 0 {
-                layer.back((&*narrow, stride), n, wide);
-                let kept = match self.function {
-                    Function::Silu => Kept::Slope(&tape.slopes[i][range]),
-                    _ => Kept::Value(x),
-                };
-                let bias = gradients.block(self.biases[i - 1].slot);
+            let x = (&tape.before(i)[range.clone()], width);
+            layer.weight.learn((&*narrow, stride), x, n, gradients, pairs);
+            if let Some(before) = i.checked_sub(1) {
+                layer.weight.back((&*narrow, stride), n, wide);
+                let bias = gradients.block(self.layers[before].bias.slot);
+                let kept = tape.values[before].kept(range);
                 activation_backward(self.isa, kept, (n, columns), wide, narrow, bias);
                 stride = columns;
             }

@@ -7,24 +7,17 @@ use super::weights::{Gradients, Slots};
 use crate::kernels::{Isa, Number};
 use m4gn_base::Result;
 use m4gn_model::ModelSpec;
-use std::fmt::Debug;
 
 /// A part of a network with its weights, shared by threads.
-pub trait Processor<T: Number>: Debug + Send + Sync + Sized + 'static {
+pub trait Processor<T: Number>: Send + Sync + Sized + 'static {
     /// What one application keeps for its backward pass.
-    type Tape: Debug + Send + Sync + 'static;
+    type Tape: Send + Sync + 'static;
 
-    /// Of a model's shape, with all weights zero.
+    /// Of a model's shape, with the weights of the slots.
     ///
     /// # Errors
     /// [`m4gn_base::Error::Internal`] for a weight that the layout lacks.
     fn new(isa: Isa, slots: &mut Slots, spec: &ModelSpec) -> Result<Self>;
-
-    /// Takes the weights of the flat vector.
-    fn load(&mut self, flat: &[f32]);
-
-    /// Bytes of the weights.
-    fn bytes(&self) -> usize;
 
     /// Nothing kept yet.
     fn tape(&self) -> Self::Tape;
@@ -33,7 +26,9 @@ pub trait Processor<T: Number>: Debug + Send + Sync + Sized + 'static {
     fn kept(tape: &Self::Tape) -> usize;
 
     /// h_S of the last forward pass, rows of the padded width; none without a macro stage.
-    fn segments(tape: &Self::Tape) -> Option<&[f32]>;
+    fn segments(_: &Self::Tape) -> Option<&[f32]> {
+        None
+    }
 
     /// Advances `work.latents`.
     fn forward(&self, graph: &TrainGraph, scales: &Scales, tape: &mut Self::Tape, work: &mut Buffers<T>);

@@ -2,23 +2,22 @@
 
 use super::attention::{add, add_rows};
 use super::mlp::{Work, fit};
-use super::weights::{Dense, Gradients, Slots, Vector};
+use super::weights::{Gradients, Linear, Slots};
 use crate::kernels::{Buffer, Isa, padded};
 use crate::recurrence::{Kept, Together, Unit};
 use m4gn_base::Result;
 
 /// Its weights.
-#[derive(Debug)]
 pub struct Recurrence {
     isa: Isa,
     d: usize,
     columns: usize,
-    input: (Dense<f32>, Vector),
-    hidden: (Dense<f32>, Vector),
+    input: Linear<f32>,
+    hidden: Linear<f32>,
 }
 
 /// What it keeps, for each group of segments, and derivatives by the sums of the gates.
-#[derive(Debug)]
+#[derive(Default)]
 pub struct RecurrenceTape {
     kept: Vec<Kept>,
     d_input: Buffer<f32>,
@@ -27,35 +26,11 @@ pub struct RecurrenceTape {
     back: Buffer<f32>,
 }
 
-impl RecurrenceTape {
-    /// Empty.
-    pub fn new() -> Self {
-        let [d_input, d_hidden, d_state, back] = std::array::from_fn(|_| Buffer::new(0));
-        RecurrenceTape { kept: Vec::new(), d_input, d_hidden, d_state, back }
-    }
-}
-
 impl Recurrence {
     /// Of a model of width d.
     pub fn new(isa: Isa, slots: &mut Slots, d: usize) -> Result<Self> {
-        let mut linear = |of: &str| {
-            let name = format!("segment.recurrence.{of}");
-            Ok((Dense::whole(isa, slots, &name)?, Vector::new(slots, &format!("{name}.bias"))?))
-        };
+        let mut linear = |of: &str| Linear::new(isa, slots, &format!("segment.recurrence.{of}"));
         Ok(Recurrence { isa, d, columns: padded(d), input: linear("input")?, hidden: linear("hidden")? })
-    }
-
-    /// Takes the weights of the flat vector.
-    pub fn load(&mut self, flat: &[f32]) {
-        for (weight, bias) in [&mut self.input, &mut self.hidden] {
-            weight.load(flat);
-            bias.load(flat);
-        }
-    }
-
-    /// Bytes of the weights.
-    pub fn bytes(&self) -> usize {
-        self.input.0.bytes() + self.hidden.0.bytes()
     }
 
     fn unit(&self) -> Unit<'_> {
@@ -63,15 +38,15 @@ impl Recurrence {
             isa: self.isa,
             d: self.d,
             columns: self.columns,
-            input: (self.input.0.forward(), &self.input.1.data),
-            hidden: (self.hidden.0.forward(), &self.hidden.1.data),
+            input: (&self.input.weight.forward, &self.input.bias.data),
+            hidden: (&self.hidden.weight.forward, &self.hidden.bias.data),
         }
     }
 
     /// The last state of each segment to its row of `out`.
     pub fn forward(&self, parts: &[Together], tape: &mut RecurrenceTape, nodes: &[f32], out: &mut [f32]) {
         let columns = self.columns;
-        tape.kept.resize_with(tape.kept.len().max(parts.len()), Kept::new);
+        tape.kept.resize_with(tape.kept.len().max(parts.len()), Kept::default);
         for (part, kept) in parts.iter().zip(&mut tape.kept) {
             self.unit().read(part, kept, nodes);
             for (&s, state) in part.segments.iter().zip(kept.state.chunks_exact(columns)) {
@@ -124,17 +99,17 @@ impl Recurrence {
                     }
                 }
                 let back = &mut tape.back[..n * columns];
-                self.hidden.0.back((&tape.d_hidden[wide], stride), n, back);
+                self.hidden.weight.back((&tape.d_hidden[wide], stride), n, back);
                 add(&mut tape.d_state[..n * columns], back);
             }
-            for ((weight, bias), dy, x) in
+            for (linear, dy, x) in
                 [(&self.input, &tape.d_input, &kept.x), (&self.hidden, &tape.d_hidden, &kept.before)]
             {
                 let dy = &dy[..rows * stride];
-                weight.learn((dy, stride), (x, columns), rows, gradients, &mut work.pairs);
-                add_rows(dy, stride, gradients.block(bias.slot));
+                linear.weight.learn((dy, stride), (x, columns), rows, gradients, &mut work.pairs);
+                add_rows(dy, stride, gradients.block(linear.bias.slot));
             }
-            self.input.0.back((&tape.d_input, stride), rows, &mut tape.back);
+            self.input.weight.back((&tape.d_input, stride), rows, &mut tape.back);
             for (&node, d) in part.node.iter().zip(tape.back.chunks_exact(columns)) {
                 add(&mut d_nodes[node as usize * columns..(node as usize + 1) * columns], d);
             }

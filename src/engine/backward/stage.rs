@@ -2,17 +2,16 @@
 
 use super::attention::{Attention, AttentionTape, AttentionWork, add};
 use super::graph::Members;
-use super::mlp::{Mlp, MlpTape, Work, activate, fit};
+use super::mlp::{Mlp, MlpTape, Work, fit, numbers};
 use super::perceptron::{Perceptron, PerceptronTape};
 use super::recurrence::{Recurrence, RecurrenceTape};
 use super::weights::{Dense, Gradients, Slots};
 use crate::kernels::{Addend, Buffer, Isa, Normed, padded};
-use crate::tiles::{block, blocks};
+use crate::tiles::blocks;
 use m4gn_base::Result;
 use m4gn_model::{MacroSpec, ModelSpec};
 
 /// Weights of the macro stage.
-#[derive(Debug)]
 pub struct Stage {
     isa: Isa,
     columns: usize,
@@ -25,7 +24,6 @@ pub struct Stage {
 }
 
 /// What the macro stage keeps.
-#[derive(Debug)]
 pub struct StageTape {
     recurrence: RecurrenceTape,
     means: Buffer<f32>,
@@ -60,34 +58,16 @@ impl Stage {
         })
     }
 
-    /// Takes the weights of the flat vector.
-    pub fn load(&mut self, flat: &[f32]) {
-        self.recurrence.iter_mut().for_each(|r| r.load(flat));
-        self.first.load(flat);
-        self.encoder.load(flat);
-        self.position.iter_mut().for_each(|p| p.load(flat));
-        self.layers.iter_mut().for_each(|l| l.load(flat));
-    }
-
-    /// Bytes of the weights.
-    pub fn bytes(&self) -> usize {
-        self.recurrence.as_ref().map_or(0, |r| r.bytes())
-            + self.first.bytes()
-            + self.encoder.bytes()
-            + self.position.as_ref().map_or(0, |p| p.bytes())
-            + self.layers.iter().map(|l| l.bytes()).sum::<usize>()
-    }
-
     /// Nothing kept yet.
-    pub fn tape(&self, heads: usize) -> StageTape {
+    pub fn tape(&self) -> StageTape {
         StageTape {
-            recurrence: RecurrenceTape::new(),
-            means: Buffer::new(0),
+            recurrence: RecurrenceTape::default(),
+            means: Buffer::default(),
             encoder: MlpTape::new(&self.encoder),
             position: PerceptronTape::default(),
-            layers: self.layers.iter().map(|_| AttentionTape::new(heads)).collect(),
-            latents: Buffer::new(0),
-            work: AttentionWork::new(),
+            layers: self.layers.iter().map(Attention::tape).collect(),
+            latents: Buffer::default(),
+            work: AttentionWork::default(),
         }
     }
 
@@ -104,10 +84,9 @@ impl Stage {
         for rows in blocks::<f32>(k) {
             let x = (&tape.means[rows.start * columns..], columns);
             let bias = Addend::Bias(&self.encoder.first_bias.data);
-            let (value, slope) = tape.encoder.first(&rows, columns);
-            let (weight, f) = (self.first.forward(), self.encoder.function());
-            activate(self.isa, weight, x, rows.len(), bias, f, &mut work.wide, value, slope);
-            let out = Normed::Wide(&mut tape.latents[rows.start * columns..rows.end * columns]);
+            let weight = &self.first.forward;
+            tape.encoder.first().fill(self.isa, weight, x, &rows, bias, &mut work.wide);
+            let out = Normed::Wide(&mut tape.latents[numbers(&rows, columns)]);
             self.encoder.forward(&mut tape.encoder, &rows, &mut work.wide, out);
         }
         if let Some(position) = &self.position {
@@ -133,9 +112,8 @@ impl Stage {
         for (layer, kept) in self.layers.iter().zip(&tape.layers).rev() {
             layer.backward(kept, &mut tape.work, work, d, gradients);
         }
-        for i in 0..blocks::<f32>(k).len() {
-            let rows = block::<f32>(i, k);
-            let (n, range) = (rows.len(), rows.start * columns..rows.end * columns);
+        for rows in blocks::<f32>(k) {
+            let (n, range) = (rows.len(), numbers(&rows, columns));
             if let Some(position) = &self.position {
                 position.backward(&tape.position, &rows, work, &d[range.clone()], gradients);
             }

@@ -53,8 +53,8 @@ impl Case {
 
     /// Loss, gradient and gradient of the inputs; twice, so that what the first one left is seen.
     fn gradient(&self, precision: Precision, isa: Isa) -> (f64, Vec<f32>, InputGradient) {
-        let mut network = Trainable::new(&self.model.spec, precision, Some(isa)).unwrap();
-        network.load(&network.layout().flatten(&self.model).unwrap());
+        let mut network = trainable(&self.model.spec, precision, Some(isa)).unwrap();
+        network.load(&network.layout().flatten(&self.model).unwrap()).unwrap();
         let graph = TrainGraph::new(&self.model.spec, &self.structure).unwrap();
         let (mut worker, scales) = (network.worker(), scales(&self.model));
         let mut outputs = vec![0.0; self.loss.len()];

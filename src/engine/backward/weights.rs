@@ -6,7 +6,6 @@ use crate::kernels::{Buffer, Isa, Norm, Number, Packed, Pairs, outer, padded, pr
 use m4gn_base::Result;
 
 /// A block of a weight, or a vector, in the flat vector and in a block of sums with rows of whole vectors.
-#[derive(Clone, Debug)]
 struct Slot {
     rows: usize,
     columns: usize,
@@ -16,28 +15,25 @@ struct Slot {
     stride: usize,
 }
 
-/// Collects the blocks of a network, which then have numbers.
-#[derive(Debug)]
-pub struct Slots {
-    layout: Layout,
+/// Collects the blocks of a network, which then have numbers, and has its weights.
+pub struct Slots<'a> {
+    pub layout: &'a Layout,
+    flat: &'a [f32],
     slots: Vec<Slot>,
 }
 
+/// Where the sums of a network's blocks belong in a flat gradient.
+pub struct Places(Vec<Slot>);
+
 /// Sums of gradients, a block a slot.
-#[derive(Debug)]
 pub struct Gradients {
     blocks: Vec<Buffer<f32>>,
 }
 
-impl Slots {
-    /// None yet.
-    pub fn new(layout: Layout) -> Self {
-        Slots { layout, slots: Vec::new() }
-    }
-
-    /// The layout of the flat vector.
-    pub fn layout(&self) -> &Layout {
-        &self.layout
+impl<'a> Slots<'a> {
+    /// None yet, of weights as long as their layout.
+    pub fn new(layout: &'a Layout, flat: &'a [f32]) -> Self {
+        Slots { layout, flat, slots: Vec::new() }
     }
 
     fn add(&mut self, slot: Slot) -> usize {
@@ -45,15 +41,22 @@ impl Slots {
         self.slots.len() - 1
     }
 
+    /// All that were collected.
+    pub fn places(self) -> Places {
+        Places(self.slots)
+    }
+}
+
+impl Places {
     /// Zero sums for all blocks.
     pub fn gradients(&self) -> Gradients {
         let block = |s: &Slot| Buffer::new(s.rows * s.columns);
-        Gradients { blocks: self.slots.iter().map(block).collect() }
+        Gradients { blocks: self.0.iter().map(block).collect() }
     }
 
     /// Adds the sums to a flat gradient and clears them.
     pub fn flush(&self, gradients: &mut Gradients, flat: &mut [f32]) {
-        for (slot, block) in self.slots.iter().zip(&mut gradients.blocks) {
+        for (slot, block) in self.0.iter().zip(&mut gradients.blocks) {
             for row in 0..slot.rows {
                 for &(column, start, n) in &slot.pieces {
                     let from = &block[row * slot.columns + column..][..n];
@@ -79,24 +82,18 @@ impl Gradients {
             Err(_) => unreachable!("a norm's gain, its shift and a bias are different slots"),
         }
     }
-
-    /// Bytes.
-    pub fn bytes(&self) -> usize {
-        self.blocks.iter().map(|b| b.bytes()).sum()
-    }
 }
 
 /// Columns of a linear layer's weight, packed for y = x W^T and for dx = dy W.
-#[derive(Debug)]
 pub struct Dense<T> {
     isa: Isa,
     slot: usize,
     /// Packed inputs: numbers of each piece, and padding between them.
     inputs: usize,
     outputs: usize,
-    forward: Packed<T>,
+    /// For products of the forward pass.
+    pub forward: Packed<T>,
     backward: Packed<T>,
-    source: Slot,
 }
 
 impl<T: Number> Dense<T> {
@@ -122,39 +119,22 @@ impl<T: Number> Dense<T> {
         let (start, shape) = slots.layout.find(&format!("{name}.weight"))?;
         let (outputs, stride) = (shape[0], shape[1]);
         let inputs = pieces.last().map_or(0, |p| p.0 + p.2);
-        let source = Slot {
-            rows: outputs,
-            columns: padded(inputs),
-            pieces: pieces.iter().map(|&(at, c, n)| (at, start + c, n)).collect(),
-            stride,
-        };
-        Ok(Dense {
-            isa,
-            slot: slots.add(source.clone()),
-            inputs,
-            outputs,
-            forward: Packed::zero(isa, inputs, outputs),
-            backward: Packed::zero(isa, outputs, inputs),
-            source,
-        })
-    }
-
-    /// Takes the weights of the flat vector.
-    pub fn load(&mut self, flat: &[f32]) {
-        let Slot { pieces, stride, .. } = &self.source;
+        let pieces: Vec<_> = pieces.iter().map(|&(at, c, n)| (at, start + c, n)).collect();
         // Where each packed input stands in the first row; none: padding between pieces.
-        let mut places = vec![None; self.inputs];
-        for &(at, start, n) in pieces {
+        let mut places = vec![None; inputs];
+        for &(at, start, n) in &pieces {
             (0..n).for_each(|i| places[at + i] = Some(start + i));
         }
+        let flat = slots.flat;
         let weight = |i: usize, o: usize| places[i].map_or(0.0, |place| flat[place + o * stride]);
-        self.forward.fill(weight);
-        self.backward.fill(|o, i| weight(i, o));
-    }
-
-    /// Packed for products of the forward pass.
-    pub fn forward(&self) -> &Packed<T> {
-        &self.forward
+        Ok(Dense {
+            isa,
+            inputs,
+            outputs,
+            forward: Packed::new(isa, inputs, outputs, weight),
+            backward: Packed::new(isa, outputs, inputs, |o, i| weight(i, o)),
+            slot: slots.add(Slot { rows: outputs, columns: padded(inputs), pieces, stride }),
+        })
     }
 
     /// `out = dy W`, rows of the padded inputs.
@@ -186,72 +166,71 @@ impl<T: Number> Dense<T> {
         let sizes = (self.outputs, padded(self.inputs));
         outer(self.isa, dy, x, n, sizes, gradients.block(self.slot), pairs);
     }
-
-    /// Bytes.
-    pub fn bytes(&self) -> usize {
-        self.forward.bytes() + self.backward.bytes()
-    }
 }
 
-/// A bias, a gain or a shift, padded.
-#[derive(Debug)]
+/// A bias, or the scores of a pooling, padded.
 pub struct Vector {
     /// Where its gradient is summed.
     pub slot: usize,
-    /// Its numbers.
     pub data: Vec<f32>,
-    start: usize,
-    n: usize,
+}
+
+/// Place and number of a vector's weights in the flat vector, and where its gradient is summed.
+fn vector(slots: &mut Slots, name: &str) -> Result<(usize, usize, usize)> {
+    let (start, shape) = slots.layout.find(name)?;
+    let n = shape.iter().product();
+    Ok((start, n, slots.add(Slot { rows: 1, columns: padded(n), pieces: vec![(0, start, n)], stride: n })))
 }
 
 impl Vector {
     /// The tensor of this name, of one row.
     pub fn new(slots: &mut Slots, name: &str) -> Result<Self> {
-        let (start, shape) = slots.layout.find(name)?;
-        let n = shape.iter().product();
-        let slot = slots.add(Slot { rows: 1, columns: padded(n), pieces: vec![(0, start, n)], stride: n });
-        Ok(Vector { slot, data: vec![0.0; padded(n)], start, n })
+        let (start, n, slot) = vector(slots, name)?;
+        let mut data = slots.flat[start..start + n].to_vec();
+        data.resize(padded(n), 0.0);
+        Ok(Vector { slot, data })
     }
 
     /// A place for sums of d numbers that belong to no weight.
     pub fn unread(slots: &mut Slots, d: usize) -> Self {
         let slot = slots.add(Slot { rows: 1, columns: padded(d), pieces: Vec::new(), stride: 0 });
-        Vector { slot, data: Vec::new(), start: 0, n: 0 }
-    }
-
-    /// Takes the weights of the flat vector.
-    pub fn load(&mut self, flat: &[f32]) {
-        self.data[..self.n].copy_from_slice(&flat[self.start..self.start + self.n]);
+        Vector { slot, data: Vec::new() }
     }
 }
 
 /// Gain and shift of a layer norm.
-#[derive(Debug)]
 pub struct NormWeights {
     /// As the kernels read it.
     pub norm: Norm,
-    gain: Vector,
-    shift: Vector,
+    /// Where the gradients of gain and shift are summed.
+    pub slots: [usize; 2],
 }
 
 impl NormWeights {
     /// Tensors `NAME.weight` and `NAME.bias`.
     pub fn new(slots: &mut Slots, name: &str) -> Result<Self> {
-        let gain = Vector::new(slots, &format!("{name}.weight"))?;
-        let shift = Vector::new(slots, &format!("{name}.bias"))?;
-        let norm = Norm::new(&gain.data[..gain.n], &shift.data[..shift.n]);
-        Ok(NormWeights { norm, gain, shift })
+        let gain = vector(slots, &format!("{name}.weight"))?;
+        let shift = vector(slots, &format!("{name}.bias"))?;
+        let data = |(start, n, _): (usize, usize, usize)| &slots.flat[start..start + n];
+        Ok(NormWeights { norm: Norm::new(data(gain), data(shift)), slots: [gain.2, shift.2] })
+    }
+}
+
+/// A linear layer.
+pub struct Linear<T> {
+    pub weight: Dense<T>,
+    pub bias: Vector,
+}
+
+impl<T: Number> Linear<T> {
+    /// Tensors `NAME.weight` and `NAME.bias`.
+    pub fn new(isa: Isa, slots: &mut Slots, name: &str) -> Result<Self> {
+        let weight = Dense::whole(isa, slots, name)?;
+        Ok(Linear { weight, bias: Vector::new(slots, &format!("{name}.bias"))? })
     }
 
-    /// Takes the weights of the flat vector.
-    pub fn load(&mut self, flat: &[f32]) {
-        self.gain.load(flat);
-        self.shift.load(flat);
-        self.norm = Norm::new(&self.gain.data[..self.gain.n], &self.shift.data[..self.shift.n]);
-    }
-
-    /// Where the gradients of gain and shift are summed.
-    pub fn slots(&self) -> [usize; 2] {
-        [self.gain.slot, self.shift.slot]
+    /// What is added to its product.
+    pub fn bias<U>(&self) -> Addend<'_, U> {
+        Addend::Bias(&self.bias.data)
     }
 }

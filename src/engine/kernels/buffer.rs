@@ -13,6 +13,7 @@ impl Plain for f64 {}
 impl Plain for super::Bf16 {}
 
 /// A slice of fixed length that begins at a cache line; zero at first.
+#[derive(Default)]
 pub struct Buffer<T> {
     lines: Vec<Line>,
     len: usize,
@@ -27,7 +28,6 @@ impl<T: Plain> Buffer<T> {
         Buffer { lines, len, kind: std::marker::PhantomData }
     }
 
-    /// Bytes.
     pub fn bytes(&self) -> usize {
         self.lines.len() * 64
     }

@@ -20,7 +20,6 @@ use m4gn_structure::graph::Graph;
 use std::time::Instant;
 
 /// A model on a graph. Rows of latents have the padded width.
-#[derive(Debug)]
 pub struct Network<T> {
     n_inputs: usize,
     n_outputs: usize,

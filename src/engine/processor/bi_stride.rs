@@ -1,13 +1,12 @@
 //! BSMS-GNN (Cao et al. 2023): message passing on the graph, on coarser ones down to the coarsest, and up again.
 
-use super::Processor;
+use super::{Processor, flops_of_features};
 use crate::encoder_decoder::normaliser;
 use crate::grid::Grid;
 use crate::kernels::{Buffer, Number};
 use crate::passing::{Layer, Topology};
 use crate::pool::{Parts, Pool};
 use crate::profile::Phase;
-use crate::segment_stage::SegmentStage;
 use crate::tiles::Scratch;
 use m4gn_base::Result;
 use m4gn_model::Model;
@@ -15,7 +14,6 @@ use m4gn_parallel::{Comm, Element, Halo};
 use m4gn_structure::{Structure, Transfer};
 
 /// The layers of a model on a graph and its coarser ones.
-#[derive(Debug)]
 pub struct BiStride<T> {
     /// Down, on the coarsest graph, up.
     layers: Vec<Layer<T>>,
@@ -27,7 +25,6 @@ pub struct BiStride<T> {
 }
 
 /// What a layer needs of a graph, beside its grid.
-#[derive(Debug)]
 pub struct Floor<T> {
     /// Normalised features of the edges, rows of the padded width.
     features: Buffer<T>,
@@ -39,7 +36,6 @@ pub struct Floor<T> {
 }
 
 /// A coarser graph.
-#[derive(Debug)]
 struct Coarser<T> {
     /// Threads are lent to it.
     grid: Grid<T>,
@@ -209,10 +205,6 @@ impl<T: Number + Element> Processor<T> for BiStride<T> {
         Self::cycle(comm, grid, &mut self.finest, &mut self.coarser, &self.layers);
     }
 
-    fn stage(&self) -> Option<&SegmentStage> {
-        None
-    }
-
     fn memory(&self) -> (Vec<(&'static str, usize)>, usize) {
         let floors = std::iter::once(&self.finest).chain(self.coarser.iter().map(|c| &c.floor));
         let [features, rows] = floors.fold([0, 0], |sum, floor| [0, 1].map(|i| sum[i] + floor.bytes()[i]));
@@ -228,19 +220,12 @@ impl<T: Number + Element> Processor<T> for BiStride<T> {
     }
 
     fn flops(&self, grid: &Grid<T>, model: &Model) -> Vec<(Phase, f64)> {
-        let a = &model.spec.architecture;
-        let (d, h, k) = (a.width as f64, a.hidden_layers as f64, self.edge_scale.0.len() as f64);
-        let square = 2.0 * d * d;
         let grids = std::iter::once(grid).chain(self.coarser.iter().map(|c| &c.grid)).enumerate();
         let sizes = grids.map(|(l, g)| {
             let layers = if l == self.coarser.len() { 1.0 } else { 2.0 };
             (layers * g.n_owned as f64, layers * g.order.senders.len() as f64)
         });
-        let (n, e) = sizes.fold((0.0, 0.0), |sum, (n, e)| (sum.0 + n, sum.1 + e));
-        vec![
-            (Phase::Project, n * square),
-            (Phase::Edges, e * (2.0 * d * k + h * square) + n * square),
-            (Phase::Nodes, n * (2.0 + h) * square),
-        ]
+        let both = sizes.fold((0.0, 0.0), |sum, (n, e)| (sum.0 + n, sum.1 + e));
+        flops_of_features(model, self.edge_scale.0.len(), both)
     }
 }

@@ -3,10 +3,9 @@
 
 use super::Processor;
 use crate::grid::Grid;
-use crate::kernels::{Addend, Buffer, Function, Number, Output, gather_add, narrow, product, scatter_add};
+use crate::kernels::{Buffer, Function, Number, Output, gather_add, narrow, scatter_add};
 use crate::linear::{self, Linear};
 use crate::profile::Phase;
-use crate::segment_stage::SegmentStage;
 use m4gn_base::Result;
 use m4gn_model::Model;
 use m4gn_parallel::{Comm, Element};
@@ -14,7 +13,6 @@ use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
 
 /// The convolutions of a model on a graph.
-#[derive(Debug)]
 pub struct Convolutions<T> {
     layers: Vec<Linear<T>>,
     function: Function,
@@ -51,8 +49,6 @@ impl<T: Number + Element> Processor<T> for Convolutions<T> {
         self.scale = scales(&grid.order.row);
     }
 
-    fn reorder(&mut self, _: &[u32], _: &[u32]) {}
-
     fn run(&mut self, comm: &Comm, grid: &mut Grid<T>) {
         let (isa, columns, scale) = (grid.isa, grid.columns, &self.scale);
         for layer in &self.layers {
@@ -82,16 +78,10 @@ impl<T: Number + Element> Processor<T> for Convolutions<T> {
                 }
                 s.clock.stop(Phase::Edges);
                 narrow(isa, sums, &mut s.a[..n * columns]);
-                let bias = Addend::Bias(&layer.bias);
-                let from = (&s.a[..], columns);
-                product(isa, &layer.weight, from, n, bias, self.function, Output::Wide(h));
+                layer.run(isa, (&s.a, columns), n, self.function, Output::Wide(h));
                 s.clock.stop(Phase::Nodes);
             });
         }
-    }
-
-    fn stage(&self) -> Option<&SegmentStage> {
-        None
     }
 
     fn memory(&self) -> (Vec<(&'static str, usize)>, usize) {

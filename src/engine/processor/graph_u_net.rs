@@ -2,22 +2,20 @@
 //!
 //! Its coarser graphs depend on the state: they are made in each step, on one rank.
 
-use super::Processor;
 use super::bi_stride::{Floor, features};
+use super::{Processor, flops_of_features};
 use crate::encoder_decoder::normaliser;
 use crate::grid::Grid;
 use crate::kernels::{Number, padded};
 use crate::passing::Layer;
 use crate::pool::Pool;
 use crate::profile::Phase;
-use crate::segment_stage::SegmentStage;
 use m4gn_base::Result;
 use m4gn_model::Model;
 use m4gn_parallel::{Comm, Element};
 use m4gn_structure::{Pooled, Structure};
 
 /// The layers of a model.
-#[derive(Debug)]
 pub struct GraphUNet<T> {
     /// Down, on the coarsest graph, up.
     layers: Vec<Layer<T>>,
@@ -125,15 +123,8 @@ impl<T: Number + Element> Processor<T> for GraphUNet<T> {
         self.finest.take(&grid.order.edge, &graph.edge_features, &self.edge_scale, grid.columns);
     }
 
-    /// It knows nothing of the nodes.
-    fn reorder(&mut self, _: &[u32], _: &[u32]) {}
-
     fn run(&mut self, comm: &Comm, grid: &mut Grid<T>) {
         Self::cycle(comm, grid, (&mut self.finest, &self.graph), &self.layers, &self.scores);
-    }
-
-    fn stage(&self) -> Option<&SegmentStage> {
-        None
     }
 
     fn memory(&self) -> (Vec<(&'static str, usize)>, usize) {
@@ -145,15 +136,8 @@ impl<T: Number + Element> Processor<T> for GraphUNet<T> {
 
     /// Of the finest graph, whose nodes are halved from level to level; edges are more or fewer with the choice.
     fn flops(&self, grid: &Grid<T>, model: &Model) -> Vec<(Phase, f64)> {
-        let a = &model.spec.architecture;
-        let (d, h, k) = (a.width as f64, a.hidden_layers as f64, self.edge_scale.0.len() as f64);
-        let square = 2.0 * d * d;
         let layers = 4.0 - 3.0 * 0.5f64.powi(self.scores.len() as i32);
-        let (n, e) = (layers * grid.n_owned as f64, layers * grid.order.senders.len() as f64);
-        vec![
-            (Phase::Project, n * square),
-            (Phase::Edges, e * (2.0 * d * k + h * square) + n * square),
-            (Phase::Nodes, n * (2.0 + h) * square),
-        ]
+        let both = (layers * grid.n_owned as f64, layers * grid.order.senders.len() as f64);
+        flops_of_features(model, self.edge_scale.0.len(), both)
     }
 }

@@ -20,7 +20,6 @@ use m4gn_structure::Structure;
 use m4gn_structure::graph::Graph;
 
 /// Message-passing layers and macro stage of a model on a graph.
-#[derive(Debug)]
 pub struct Messages<T> {
     features: Features<T>,
     layers: Vec<Layer<T>>,
@@ -40,7 +39,6 @@ pub struct Messages<T> {
 }
 
 /// Features of the edges, and their encoders.
-#[derive(Debug)]
 struct Features<T> {
     /// Of each kind of edges, with the bias of its first layer.
     encoders: Vec<(Encoder<T>, Vec<f32>)>,

@@ -20,32 +20,45 @@ use m4gn_model::{Kind, Model};
 use m4gn_parallel::{Comm, Element};
 use m4gn_structure::Structure;
 use messages::Messages;
-use std::fmt::Debug;
 
 /// Encoded edges are kept beside the latents up to this size; beyond it they are computed anew in each step, which
 /// takes about a tenth more time and half the memory.
 pub const KEEP_ENCODED: usize = 256 << 20;
 
 /// The network between its encoder and its decoder, on a graph.
-pub trait Processor<T>: Debug + Send + Sync {
+pub trait Processor<T>: Send + Sync {
     /// Takes the edges of a structure, whose order `grid` has; again where they have become others.
     fn place(&mut self, grid: &mut Grid<T>, structure: &Structure);
 
     /// Moves what it knows of the nodes to another order: `before` is each node's place until now, `node` the node at each
-    /// place from now on.
-    fn reorder(&mut self, before: &[u32], node: &[u32]);
+    /// place from now on. Nothing to do for one that knows nothing of them.
+    fn reorder(&mut self, _before: &[u32], _node: &[u32]) {}
 
     /// Advances the latents of the nodes. Collective.
     fn run(&mut self, comm: &Comm, grid: &mut Grid<T>);
 
     /// The macro stage, whose latents the decoder may read as well; none without one.
-    fn stage(&self) -> Option<&SegmentStage>;
+    fn stage(&self) -> Option<&SegmentStage> {
+        None
+    }
 
     /// Bytes of its arrays, by what they are, and of its weights.
     fn memory(&self) -> (Vec<(&'static str, usize)>, usize);
 
     /// Operations of the products of a step.
     fn flops(&self, grid: &Grid<T>, model: &Model) -> Vec<(Phase, f64)>;
+}
+
+/// Operations of layers of message passing on k features of edges, by all their nodes and edges.
+fn flops_of_features(model: &Model, k: usize, (n, e): (f64, f64)) -> Vec<(Phase, f64)> {
+    let a = &model.spec.architecture;
+    let (d, h) = (a.width as f64, a.hidden_layers as f64);
+    let square = 2.0 * d * d;
+    vec![
+        (Phase::Project, n * square),
+        (Phase::Edges, e * (2.0 * d * k as f64 + h * square) + n * square),
+        (Phase::Nodes, n * (2.0 + h) * square),
+    ]
 }
 
 /// The processor of a model, for a structure whose order `grid` has. A kind of network that only libtorch knows has an error
