@@ -66,13 +66,9 @@ pub struct Isa(pub(super) Level);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd)]
 pub(super) enum Level {
     Portable,
-    #[cfg(target_arch = "x86_64")]
     Avx2,
-    #[cfg(target_arch = "x86_64")]
     Avx512,
-    #[cfg(target_arch = "x86_64")]
     Avx512Bf16,
-    #[cfg(target_arch = "x86_64")]
     Amx,
 }
 
@@ -102,31 +98,18 @@ impl Isa {
     /// All that this processor has, the portable one first.
     pub fn available() -> Vec<Self> {
         let widest = Self::detect().0;
-        let all = [
-            Level::Portable,
-            #[cfg(target_arch = "x86_64")]
-            Level::Avx2,
-            #[cfg(target_arch = "x86_64")]
-            Level::Avx512,
-            #[cfg(target_arch = "x86_64")]
-            Level::Avx512Bf16,
-            #[cfg(target_arch = "x86_64")]
-            Level::Amx,
-        ];
+        let all = [Level::Portable, Level::Avx2, Level::Avx512, Level::Avx512Bf16, Level::Amx];
         all.into_iter().filter(|l| *l <= widest).map(Isa).collect()
     }
 
     /// Whether a network in bf16 takes less time than one in fp32: with AMX, and with AVX-512 BF16 elsewhere than on
     /// processors of Intel, whose product of pairs has half the rate of fp32's. Otherwise bf16 saves memory alone.
     pub fn bf16_pays(self) -> bool {
-        #[cfg(target_arch = "x86_64")]
-        return match self.0 {
+        match self.0 {
             Level::Amx => true,
             Level::Avx512Bf16 => !made_by_intel(),
             _ => false,
-        };
-        #[cfg(not(target_arch = "x86_64"))]
-        false
+        }
     }
 
     /// Plain Rust that runs anywhere.
@@ -150,23 +133,23 @@ impl Isa {
     pub fn name(self) -> &'static str {
         match self.0 {
             Level::Portable => "portable",
-            #[cfg(target_arch = "x86_64")]
             Level::Avx2 => "avx2",
-            #[cfg(target_arch = "x86_64")]
             Level::Avx512 => "avx512",
-            #[cfg(target_arch = "x86_64")]
             Level::Avx512Bf16 => "avx512-bf16",
-            #[cfg(target_arch = "x86_64")]
             Level::Amx => "amx",
         }
     }
 }
 
-#[cfg(target_arch = "x86_64")]
 fn made_by_intel() -> bool {
-    // "GenuineIntel", in registers b, d, c.
-    let name = std::arch::x86_64::__cpuid(0);
-    [name.ebx, name.edx, name.ecx].map(u32::to_le_bytes).concat() == b"GenuineIntel"
+    #[cfg(target_arch = "x86_64")]
+    {
+        // "GenuineIntel", in registers b, d, c.
+        let name = std::arch::x86_64::__cpuid(0);
+        [name.ebx, name.edx, name.ecx].map(u32::to_le_bytes).concat() == b"GenuineIntel"
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    false
 }
 
 /// What an engine is made with.

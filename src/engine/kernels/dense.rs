@@ -3,14 +3,14 @@
 use super::simd::{Number, Simd};
 use super::{Isa, dispatch};
 
-/// `c += factor a b` with a `[n x k]`, b `[k x m]`, c `[n x m]`; each a slice and how far apart its rows stand.
+/// `c += factor a b` with a `[n x k]`, b `[k x m]`, c `[n x m]` of sizes n, k, m; each a slice and how far apart its rows stand.
 pub fn multiply_add(
     isa: Isa,
-    (n, k, m): (usize, usize, usize),
+    sizes: (usize, usize, usize),
     factor: f32,
-    (a, a_stride): (&[f32], usize),
-    (b, b_stride): (&[f32], usize),
-    (c, c_stride): (&mut [f32], usize),
+    a: (&[f32], usize),
+    b: (&[f32], usize),
+    c: (&mut [f32], usize),
 ) {
     type T = f32;
     // SAFETY: safe code, compiled for an instruction set that the processor has.
@@ -18,12 +18,9 @@ pub fn multiply_add(
         isa,
         T,
         multiply_all(
-            sizes: (usize, usize, usize),
-            factor: f32,
-            a: (&[f32], usize),
-            b: (&[f32], usize),
+            sizes: (usize, usize, usize), factor: f32, a: (&[f32], usize), b: (&[f32], usize),
             c: (&mut [f32], usize)
-        ) = ((n, k, m), factor, (a, a_stride), (b, b_stride), (c, c_stride))
+        )
     )
 }
 
@@ -51,11 +48,7 @@ unsafe fn multiply_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
 pub fn softmax_backward(isa: Isa, p: &[f32], d: &mut [f32], (n, stride): (usize, usize)) {
     type T = f32;
     // SAFETY: safe code, compiled for an instruction set that the processor has.
-    dispatch!(
-        isa,
-        T,
-        softmax_rows_backward(p: &[f32], d: &mut [f32], n: usize, stride: usize) = (p, d, n, stride)
-    )
+    dispatch!(isa, T, softmax_rows_backward(p: &[f32], d: &mut [f32], n: usize, stride: usize))
 }
 
 /// # Safety
@@ -104,7 +97,6 @@ pub fn adam(
         isa,
         T,
         adam_all(numbers: Adam, gradient: &[f32], weights: &mut [f32], first: &mut [f32], second: &mut [f32])
-            = (numbers, gradient, weights, first, second)
     )
 }
 

@@ -32,14 +32,9 @@ pub fn norm_backward<T: Number>(
         isa,
         T,
         norm_rows_backward(
-            norm: &Norm,
-            normed: *const T,
-            scale: *const f32,
-            n: usize,
-            d: *mut f32,
-            narrow: *mut T,
+            norm: &Norm, normed: *const T, scale: *const f32, n: usize, d: *mut f32, narrow: *mut T,
             sums: [*mut f32; 3]
-        ) = (norm, normed, scale, n, d, narrow, sums)
+        )
     )
 }
 
@@ -56,16 +51,13 @@ unsafe fn norm_rows_backward<S: Simd, T: Number, const MR: usize, const WIDE: bo
     sums: [*mut f32; 3],
 ) {
     let mut i = 0;
-    // SAFETY: rows up to n.
-    unsafe {
-        while WIDE && i + 4 <= n {
-            norm_some_backward::<S, T, 4>(norm, normed, scale, i, d, narrow, sums);
-            i += 4;
-        }
-        while i < n {
-            norm_some_backward::<S, T, 1>(norm, normed, scale, i, d, narrow, sums);
-            i += 1;
-        }
+    while WIDE && i + 4 <= n {
+        norm_some_backward::<S, T, 4>(norm, normed, scale, i, d, narrow, sums);
+        i += 4;
+    }
+    while i < n {
+        norm_some_backward::<S, T, 1>(norm, normed, scale, i, d, narrow, sums);
+        i += 1;
     }
 }
 
@@ -86,46 +78,43 @@ unsafe fn norm_some_backward<S: Simd, T: Number, const R: usize>(
     let columns = norm.columns();
     let (gain, mask) = (norm.gain().as_ptr(), norm.mask().as_ptr());
     let inverse = 1.0 / norm.width() as f32;
-    // SAFETY: rows are within what norm_backward() checked.
-    unsafe {
-        let normed: [*const T; R] = std::array::from_fn(|i| normed.add((at + i) * columns));
-        let d: [*mut f32; R] = std::array::from_fn(|i| d.add((at + i) * columns));
-        let narrow: [*mut T; R] = std::array::from_fn(|i| narrow.add((at + i) * columns));
-        let mut mean = [S::splat(0.0); R];
-        let mut along = [S::splat(0.0); R];
-        for j in (0..columns).step_by(LANES) {
-            let gain = S::load(gain.add(j));
-            for i in 0..R {
-                let g = S::mul(S::load(d[i].add(j)), gain);
-                mean[i] = S::add(mean[i], g);
-                along[i] = S::fma(g, T::load::<S>(normed[i].add(j)), along[i]);
-            }
-        }
-        let mut factor = mean;
+    let normed: [*const T; R] = std::array::from_fn(|i| normed.add((at + i) * columns));
+    let d: [*mut f32; R] = std::array::from_fn(|i| d.add((at + i) * columns));
+    let narrow: [*mut T; R] = std::array::from_fn(|i| narrow.add((at + i) * columns));
+    let mut mean = [S::splat(0.0); R];
+    let mut along = [S::splat(0.0); R];
+    for j in (0..columns).step_by(LANES) {
+        let gain = S::load(gain.add(j));
         for i in 0..R {
-            mean[i] = S::splat(S::sum(mean[i]) * inverse);
-            along[i] = S::splat(S::sum(along[i]) * inverse);
-            factor[i] = S::splat(*scale.add(at + i));
+            let g = S::mul(S::load(d[i].add(j)), gain);
+            mean[i] = S::add(mean[i], g);
+            along[i] = S::fma(g, T::load::<S>(normed[i].add(j)), along[i]);
         }
-        for j in (0..columns).step_by(LANES) {
-            let (gain, mask) = (S::load(gain.add(j)), S::load(mask.add(j)));
-            let (mut of_gain, mut of_shift) = (S::load(gain_sum.add(j)), S::load(shift_sum.add(j)));
-            let mut of_bias = S::load(bias_sum.add(j));
-            for i in 0..R {
-                let (y, x) = (S::load(d[i].add(j)), T::load::<S>(normed[i].add(j)));
-                of_gain = S::fma(y, x, of_gain);
-                of_shift = S::add(of_shift, y);
-                let v = S::sub(S::mul(y, gain), S::fma(x, along[i], mean[i]));
-                // What stands in the padding is none of the loss's business.
-                let v = S::mul(S::mul(v, factor[i]), mask);
-                of_bias = S::add(of_bias, v);
-                S::store(d[i].add(j), v);
-                T::store::<S>(narrow[i].add(j), v);
-            }
-            S::store(gain_sum.add(j), of_gain);
-            S::store(shift_sum.add(j), of_shift);
-            S::store(bias_sum.add(j), of_bias);
+    }
+    let mut factor = mean;
+    for i in 0..R {
+        mean[i] = S::splat(S::sum(mean[i]) * inverse);
+        along[i] = S::splat(S::sum(along[i]) * inverse);
+        factor[i] = S::splat(*scale.add(at + i));
+    }
+    for j in (0..columns).step_by(LANES) {
+        let (gain, mask) = (S::load(gain.add(j)), S::load(mask.add(j)));
+        let (mut of_gain, mut of_shift) = (S::load(gain_sum.add(j)), S::load(shift_sum.add(j)));
+        let mut of_bias = S::load(bias_sum.add(j));
+        for i in 0..R {
+            let (y, x) = (S::load(d[i].add(j)), T::load::<S>(normed[i].add(j)));
+            of_gain = S::fma(y, x, of_gain);
+            of_shift = S::add(of_shift, y);
+            let v = S::sub(S::mul(y, gain), S::fma(x, along[i], mean[i]));
+            // What stands in the padding is none of the loss's business.
+            let v = S::mul(S::mul(v, factor[i]), mask);
+            of_bias = S::add(of_bias, v);
+            S::store(d[i].add(j), v);
+            T::store::<S>(narrow[i].add(j), v);
         }
+        S::store(gain_sum.add(j), of_gain);
+        S::store(shift_sum.add(j), of_shift);
+        S::store(bias_sum.add(j), of_bias);
     }
 }
 
@@ -167,14 +156,9 @@ pub fn activation_backward<T: Number>(
         isa,
         T,
         activation_rows(
-            kept: *const T,
-            slope: bool,
-            n: usize,
-            columns: usize,
-            d: *mut f32,
-            narrow: *mut T,
+            kept: *const T, slope: bool, n: usize, columns: usize, d: *mut f32, narrow: *mut T,
             bias: *mut f32
-        ) = (kept, slope, n, columns, d, narrow, bias)
+        )
     )
 }
 
@@ -191,16 +175,13 @@ unsafe fn activation_rows<S: Simd, T: Number, const MR: usize, const WIDE: bool>
     bias: *mut f32,
 ) {
     let mut j = 0;
-    // SAFETY: whole vectors of n rows.
-    unsafe {
-        while WIDE && j + 4 * LANES <= columns {
-            activation_columns::<S, T, 4>(kept, slope, (n, columns), j, d, narrow, bias);
-            j += 4 * LANES;
-        }
-        while j < columns {
-            activation_columns::<S, T, 1>(kept, slope, (n, columns), j, d, narrow, bias);
-            j += LANES;
-        }
+    while WIDE && j + 4 * LANES <= columns {
+        activation_columns::<S, T, 4>(kept, slope, (n, columns), j, d, narrow, bias);
+        j += 4 * LANES;
+    }
+    while j < columns {
+        activation_columns::<S, T, 1>(kept, slope, (n, columns), j, d, narrow, bias);
+        j += LANES;
     }
 }
 
@@ -218,28 +199,25 @@ unsafe fn activation_columns<S: Simd, T: Number, const C: usize>(
     narrow: *mut T,
     bias: *mut f32,
 ) {
-    // SAFETY: passed on.
-    unsafe {
-        let mut sum = [S::splat(0.0); C];
+    let mut sum = [S::splat(0.0); C];
+    for c in 0..C {
+        sum[c] = S::load(bias.add(at + c * LANES));
+    }
+    for i in 0..n {
         for c in 0..C {
-            sum[c] = S::load(bias.add(at + c * LANES));
+            let at = i * columns + at + c * LANES;
+            let (v, kept) = (S::load(d.add(at)), T::load::<S>(kept.add(at)));
+            let v = match slope {
+                true => S::mul(v, kept),
+                false => S::where_positive(kept, v),
+            };
+            sum[c] = S::add(sum[c], v);
+            S::store(d.add(at), v);
+            T::store::<S>(narrow.add(at), v);
         }
-        for i in 0..n {
-            for c in 0..C {
-                let at = i * columns + at + c * LANES;
-                let (v, kept) = (S::load(d.add(at)), T::load::<S>(kept.add(at)));
-                let v = match slope {
-                    true => S::mul(v, kept),
-                    false => S::where_positive(kept, v),
-                };
-                sum[c] = S::add(sum[c], v);
-                S::store(d.add(at), v);
-                T::store::<S>(narrow.add(at), v);
-            }
-        }
-        for c in 0..C {
-            S::store(bias.add(at + c * LANES), sum[c]);
-        }
+    }
+    for c in 0..C {
+        S::store(bias.add(at + c * LANES), sum[c]);
     }
 }
 
@@ -249,11 +227,7 @@ pub fn silu_keep<T: Number>(isa: Isa, x: &[f32], value: &mut [T], slope: &mut [T
     assert!(n.is_multiple_of(LANES) && value.len() >= n && slope.len() >= n, "rows of an activation");
     let (x, value, slope) = (x.as_ptr(), value.as_mut_ptr(), slope.as_mut_ptr());
     // SAFETY: all have n numbers, whole vectors.
-    dispatch!(
-        isa,
-        T,
-        silu_all(x: *const f32, value: *mut T, slope: *mut T, n: usize) = (x, value, slope, n)
-    )
+    dispatch!(isa, T, silu_all(x: *const f32, value: *mut T, slope: *mut T, n: usize))
 }
 
 /// # Safety
@@ -266,13 +240,10 @@ unsafe fn silu_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
     n: usize,
 ) {
     for i in (0..n).step_by(LANES) {
-        // SAFETY: i + LANES <= n.
-        unsafe {
-            let (x, one) = (S::load(x.add(i)), S::splat(1.0));
-            let s = S::reciprocal(S::add(one, exp::<S>(S::sub(S::splat(0.0), x))));
-            let y = S::mul(x, s);
-            T::store::<S>(value.add(i), y);
-            T::store::<S>(slope.add(i), S::fma(y, S::sub(one, s), s));
-        }
+        let (x, one) = (S::load(x.add(i)), S::splat(1.0));
+        let s = S::reciprocal(S::add(one, exp::<S>(S::sub(S::splat(0.0), x))));
+        let y = S::mul(x, s);
+        T::store::<S>(value.add(i), y);
+        T::store::<S>(slope.add(i), S::fma(y, S::sub(one, s), s));
     }
 }

@@ -1,4 +1,7 @@
 //! Loops over latent rows `[n x d]`, written once and compiled for each instruction set.
+//!
+//! What an unsafe function relies on stands above it; blocks within it would say it again.
+#![allow(unsafe_op_in_unsafe_fn)]
 
 #[cfg(target_arch = "x86_64")]
 mod amx;
@@ -44,7 +47,6 @@ impl Isa {
     /// Vectors of a panel of columns: what the registers hold.
     fn panel(self) -> usize {
         match self.0 {
-            #[cfg(target_arch = "x86_64")]
             Level::Avx512 | Level::Avx512Bf16 | Level::Amx => 4,
             _ => 1,
         }
@@ -52,40 +54,37 @@ impl Isa {
 }
 
 /// Calls `name::<S, T, MR, WIDE>(arguments)` compiled for the instruction set of an [`Isa`]: `S` its vectors, `MR`
-/// the rows of a product's tile, `WIDE` whether a panel has several vectors.
+/// the rows of a product's tile, `WIDE` whether a panel has several vectors. The arguments are variables of the caller.
 ///
 /// The callee is unsafe; the caller keeps its promises.
 macro_rules! dispatch {
-    ($isa:expr, $t:ident, $name:ident($($arg:ident: $kind:ty),*) $(-> $result:ty)? = ($($value:expr),*)) => {{
+    ($isa:expr, $t:ident, $name:ident($($arg:ident: $kind:ty),*) $(-> $result:ty)?) => {{
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512bf16,avx2,fma")]
         unsafe fn avx512_bf16<$t: Number>($($arg: $kind),*) $(-> $result)? {
-            // SAFETY: passed on.
-            unsafe { $name::<$crate::kernels::avx512::Avx512<true>, $t, 6, true>($($arg),*) }
+            $name::<$crate::kernels::avx512::Avx512<true>, $t, 6, true>($($arg),*)
         }
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")]
         unsafe fn avx512<$t: Number>($($arg: $kind),*) $(-> $result)? {
-            // SAFETY: passed on.
-            unsafe { $name::<$crate::kernels::avx512::Avx512<false>, $t, 6, true>($($arg),*) }
+            $name::<$crate::kernels::avx512::Avx512<false>, $t, 6, true>($($arg),*)
         }
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = "avx2,fma")]
         unsafe fn avx2<$t: Number>($($arg: $kind),*) $(-> $result)? {
-            // SAFETY: passed on.
-            unsafe { $name::<$crate::kernels::avx2::Avx2, $t, 6, false>($($arg),*) }
+            $name::<$crate::kernels::avx2::Avx2, $t, 6, false>($($arg),*)
         }
         use $crate::options::Level;
         // SAFETY: an Isa of a level exists only where the processor has its features; the rest is the caller's.
         unsafe {
             match $isa.0 {
                 #[cfg(target_arch = "x86_64")]
-                Level::Avx512Bf16 | Level::Amx => avx512_bf16::<$t>($($value),*),
+                Level::Avx512Bf16 | Level::Amx => avx512_bf16::<$t>($($arg),*),
                 #[cfg(target_arch = "x86_64")]
-                Level::Avx512 => avx512::<$t>($($value),*),
+                Level::Avx512 => avx512::<$t>($($arg),*),
                 #[cfg(target_arch = "x86_64")]
-                Level::Avx2 => avx2::<$t>($($value),*),
-                Level::Portable => $name::<$crate::kernels::portable::Portable, $t, 2, false>($($value),*),
+                Level::Avx2 => avx2::<$t>($($arg),*),
+                _ => $name::<$crate::kernels::portable::Portable, $t, 2, false>($($arg),*),
             }
         }
     }};
@@ -94,7 +93,6 @@ use dispatch;
 
 /// Instruction sets of other processors have no tiles.
 #[cfg(not(target_arch = "x86_64"))]
-#[derive(Debug)]
 pub struct Tiles;
 
 #[cfg(not(target_arch = "x86_64"))]

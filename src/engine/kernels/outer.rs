@@ -11,7 +11,6 @@ use super::simd::{LANES, Number, Simd};
 use super::{Isa, dispatch};
 
 /// Rows of both operands of an outer product in the order that its steps read them, where steps take several rows.
-#[derive(Debug)]
 pub struct Pairs<T> {
     left: Buffer<T>,
     right: Buffer<T>,
@@ -72,15 +71,9 @@ pub fn outer<T: Number>(
         isa,
         T,
         outer_panels(
-            y: *const T,
-            y_step: usize,
-            x: *const T,
-            x_step: usize,
-            steps: usize,
-            outputs: usize,
-            columns: usize,
-            sums: *mut f32
-        ) = (y, y_step, x, x_step, steps, outputs, columns, sums)
+            y: *const T, y_step: usize, x: *const T, x_step: usize, steps: usize, outputs: usize,
+            columns: usize, sums: *mut f32
+        )
     )
 }
 
@@ -92,11 +85,7 @@ fn interleave<T: Number>(isa: Isa, (x, stride): (&[T], usize), n: usize, width: 
     );
     let (x, out) = (x.as_ptr(), out.as_mut_ptr());
     // SAFETY: n rows of x, n rounded up to pairs of out.
-    dispatch!(
-        isa,
-        T,
-        interleave_all(x: *const T, stride: usize, n: usize, width: usize, out: *mut T) = (x, stride, n, width, out)
-    )
+    dispatch!(isa, T, interleave_all(x: *const T, stride: usize, n: usize, width: usize, out: *mut T))
 }
 
 /// # Safety
@@ -110,19 +99,16 @@ unsafe fn interleave_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
     out: *mut T,
 ) {
     for i in (0..n).step_by(2) {
-        // SAFETY: rows i and, where there is one, i + 1, of `width` numbers.
-        unsafe {
-            let out = std::slice::from_raw_parts_mut(out.add(i * width), 2 * width);
-            let first = std::slice::from_raw_parts(x.add(i * stride), width);
-            if i + 1 < n {
-                let second = std::slice::from_raw_parts(x.add((i + 1) * stride), width);
-                for ((out, a), b) in out.chunks_exact_mut(2).zip(first).zip(second) {
-                    (out[0], out[1]) = (*a, *b);
-                }
-            } else {
-                for (out, a) in out.chunks_exact_mut(2).zip(first) {
-                    (out[0], out[1]) = (*a, T::default());
-                }
+        let out = std::slice::from_raw_parts_mut(out.add(i * width), 2 * width);
+        let first = std::slice::from_raw_parts(x.add(i * stride), width);
+        if i + 1 < n {
+            let second = std::slice::from_raw_parts(x.add((i + 1) * stride), width);
+            for ((out, a), b) in out.chunks_exact_mut(2).zip(first).zip(second) {
+                (out[0], out[1]) = (*a, *b);
+            }
+        } else {
+            for (out, a) in out.chunks_exact_mut(2).zip(first) {
+                (out[0], out[1]) = (*a, T::default());
             }
         }
     }
@@ -146,17 +132,14 @@ unsafe fn outer_panels<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
     while column < columns {
         let left = (columns - column) / LANES;
         let vectors = if WIDE { left.min(PANEL) } else { 1 };
-        // SAFETY: the panel is within the columns.
-        unsafe {
-            let x = x.add(column * T::STEP);
-            let sums = sums.add(column);
-            let sizes = (outputs, columns);
-            match vectors {
-                4 if WIDE => outer_panel::<S, T, MR, 4>(y, y_step, x, x_step, steps, sizes, sums),
-                3 if WIDE => outer_panel::<S, T, MR, 3>(y, y_step, x, x_step, steps, sizes, sums),
-                2 if WIDE => outer_panel::<S, T, MR, 2>(y, y_step, x, x_step, steps, sizes, sums),
-                _ => outer_panel::<S, T, MR, 1>(y, y_step, x, x_step, steps, sizes, sums),
-            }
+        let x = x.add(column * T::STEP);
+        let sums = sums.add(column);
+        let sizes = (outputs, columns);
+        match vectors {
+            4 if WIDE => outer_panel::<S, T, MR, 4>(y, y_step, x, x_step, steps, sizes, sums),
+            3 if WIDE => outer_panel::<S, T, MR, 3>(y, y_step, x, x_step, steps, sizes, sums),
+            2 if WIDE => outer_panel::<S, T, MR, 2>(y, y_step, x, x_step, steps, sizes, sums),
+            _ => outer_panel::<S, T, MR, 1>(y, y_step, x, x_step, steps, sizes, sums),
         }
         column += vectors * LANES;
     }
@@ -176,25 +159,22 @@ unsafe fn outer_panel<S: Simd, T: Number, const MR: usize, const NR: usize>(
 ) {
     let mut start = 0;
     while start < outputs {
-        // SAFETY: outputs and columns are within what outer() checked.
-        unsafe {
-            // Past the end the last output is computed again, and not added.
-            let y: [*const T; MR] = std::array::from_fn(|i| y.add((start + i).min(outputs - 1) * T::STEP));
-            let mut acc = [[S::splat(0.0); NR]; MR];
-            let mut x = x;
-            let mut at = 0;
-            for _ in 0..steps {
-                T::step::<S, MR, NR>(&mut acc, &y, at, x);
-                x = x.add(x_step);
-                at += y_step;
-            }
-            for i in 0..MR {
-                if start + i < outputs {
-                    let to = sums.add((start + i) * columns);
-                    for j in 0..NR {
-                        let to = to.add(j * LANES);
-                        S::store(to, S::add(S::load(to), acc[i][j]));
-                    }
+        // Past the end the last output is computed again, and not added.
+        let y: [*const T; MR] = std::array::from_fn(|i| y.add((start + i).min(outputs - 1) * T::STEP));
+        let mut acc = [[S::splat(0.0); NR]; MR];
+        let mut x = x;
+        let mut at = 0;
+        for _ in 0..steps {
+            T::step::<S, MR, NR>(&mut acc, &y, at, x);
+            x = x.add(x_step);
+            at += y_step;
+        }
+        for i in 0..MR {
+            if start + i < outputs {
+                let to = sums.add((start + i) * columns);
+                for j in 0..NR {
+                    let to = to.add(j * LANES);
+                    S::store(to, S::add(S::load(to), acc[i][j]));
                 }
             }
         }
@@ -249,12 +229,10 @@ unsafe fn move_rows<T: Number>(
     first: usize,
     gather: bool,
 ) {
-    // SAFETY: passed on to the caller.
     dispatch!(
         isa,
         T,
         move_all(x: *mut T, table: *mut f32, columns: usize, index: &[i32], first: usize, gather: bool)
-            = (x, table, columns, index, first, gather)
     )
 }
 
@@ -270,15 +248,12 @@ unsafe fn move_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
     gather: bool,
 ) {
     for (i, &row) in index.iter().enumerate() {
-        // SAFETY: row i of x and this row of the table.
-        unsafe {
-            let x = x.add(i * columns);
-            let row = table.add((row as usize - first) * columns);
-            for j in (0..columns).step_by(LANES) {
-                let (x, row) = (x.add(j), row.add(j));
-                let sum = S::add(T::load::<S>(x), S::load(row));
-                if gather { T::store::<S>(x, sum) } else { S::store(row, sum) }
-            }
+        let x = x.add(i * columns);
+        let row = table.add((row as usize - first) * columns);
+        for j in (0..columns).step_by(LANES) {
+            let (x, row) = (x.add(j), row.add(j));
+            let sum = S::add(T::load::<S>(x), S::load(row));
+            if gather { T::store::<S>(x, sum) } else { S::store(row, sum) }
         }
     }
 }

@@ -9,7 +9,6 @@ pub const PANEL: usize = 4;
 
 /// A weight `[inputs x outputs]` in the order that products read it: panels of up to four vectors of outputs, in
 /// each of them input after input (with bf16 pair after pair). Outputs are padded with zeros to whole vectors.
-#[derive(Debug)]
 pub struct Packed<T> {
     data: Buffer<T>,
     inputs: usize,
@@ -88,7 +87,6 @@ impl<T: Number> Packed<T> {
         &self.panels
     }
 
-    /// Bytes.
     pub fn bytes(&self) -> usize {
         self.data.bytes()
     }

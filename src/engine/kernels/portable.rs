@@ -1,6 +1,6 @@
 //! Plain Rust: loops over sixteen numbers that the compiler vectorises for its baseline.
 
-use super::simd::{Bf16, LANES, Number, Simd};
+use super::simd::{Bf16, LANES, Number, Simd, lines};
 
 /// Runs anywhere.
 #[derive(Clone, Copy, Debug)]
@@ -23,80 +23,35 @@ fn multiply_add(a: f32, b: f32, c: f32) -> f32 {
 impl Simd for Portable {
     type V = Lanes;
 
-    #[inline(always)]
-    unsafe fn splat(x: f32) -> Lanes {
-        [x; LANES]
-    }
-
-    #[inline(always)]
-    unsafe fn load(p: *const f32) -> Lanes {
-        // SAFETY: see above.
-        unsafe { p.cast::<Lanes>().read() }
+    lines! {
+        splat(x: f32) -> Lanes { [x; LANES] }
+        load(p: *const f32) -> Lanes { p.cast::<Lanes>().read() }
+        add(a: Lanes, b: Lanes) -> Lanes { each(|i| a[i] + b[i]) }
+        sub(a: Lanes, b: Lanes) -> Lanes { each(|i| a[i] - b[i]) }
+        mul(a: Lanes, b: Lanes) -> Lanes { each(|i| a[i] * b[i]) }
+        fma(a: Lanes, b: Lanes, c: Lanes) -> Lanes { each(|i| multiply_add(a[i], b[i], c[i])) }
+        // Not f32::min and max, which would turn NaN into the limit and hide it from the check of the result.
+        at_most(v: Lanes, limit: Lanes) -> Lanes { each(|i| if limit[i] < v[i] { limit[i] } else { v[i] }) }
+        at_least(v: Lanes, limit: Lanes) -> Lanes { each(|i| if limit[i] > v[i] { limit[i] } else { v[i] }) }
+        where_positive(v: Lanes, then: Lanes) -> Lanes { each(|i| if v[i] > 0.0 { then[i] } else { 0.0 }) }
+        reciprocal(v: Lanes) -> Lanes { v.map(|v| 1.0 / v) }
+        power_of_two(v: Lanes) -> Lanes { v.map(|v| f32::from_bits((v.to_bits() << 23).wrapping_add(0x3f80_0000))) }
     }
 
     #[inline(always)]
     unsafe fn store(p: *mut f32, v: Lanes) {
-        // SAFETY: see above.
-        unsafe { p.cast::<Lanes>().write(v) }
+        p.cast::<Lanes>().write(v)
     }
 
     #[inline(always)]
     unsafe fn load_bf16(p: *const Bf16) -> Lanes {
-        // SAFETY: see above.
-        let narrow = unsafe { p.cast::<[Bf16; LANES]>().read() };
+        let narrow = p.cast::<[Bf16; LANES]>().read();
         each(|i| narrow[i].to_f32())
     }
 
     #[inline(always)]
     unsafe fn store_bf16(p: *mut Bf16, v: Lanes) {
-        // SAFETY: see above.
-        unsafe { p.cast::<[Bf16; LANES]>().write(v.map(Bf16::from_f32)) }
-    }
-
-    #[inline(always)]
-    unsafe fn add(a: Lanes, b: Lanes) -> Lanes {
-        each(|i| a[i] + b[i])
-    }
-
-    #[inline(always)]
-    unsafe fn sub(a: Lanes, b: Lanes) -> Lanes {
-        each(|i| a[i] - b[i])
-    }
-
-    #[inline(always)]
-    unsafe fn mul(a: Lanes, b: Lanes) -> Lanes {
-        each(|i| a[i] * b[i])
-    }
-
-    #[inline(always)]
-    unsafe fn fma(a: Lanes, b: Lanes, c: Lanes) -> Lanes {
-        each(|i| multiply_add(a[i], b[i], c[i]))
-    }
-
-    // Not f32::min and max, which would turn NaN into the limit and hide it from the check of the result.
-    #[inline(always)]
-    unsafe fn at_most(v: Lanes, limit: Lanes) -> Lanes {
-        each(|i| if limit[i] < v[i] { limit[i] } else { v[i] })
-    }
-
-    #[inline(always)]
-    unsafe fn at_least(v: Lanes, limit: Lanes) -> Lanes {
-        each(|i| if limit[i] > v[i] { limit[i] } else { v[i] })
-    }
-
-    #[inline(always)]
-    unsafe fn where_positive(v: Lanes, then: Lanes) -> Lanes {
-        each(|i| if v[i] > 0.0 { then[i] } else { 0.0 })
-    }
-
-    #[inline(always)]
-    unsafe fn reciprocal(v: Lanes) -> Lanes {
-        v.map(|v| 1.0 / v)
-    }
-
-    #[inline(always)]
-    unsafe fn power_of_two(v: Lanes) -> Lanes {
-        v.map(|v| f32::from_bits((v.to_bits() << 23).wrapping_add(0x3f80_0000)))
+        p.cast::<[Bf16; LANES]>().write(v.map(Bf16::from_f32))
     }
 
     #[inline(always)]
@@ -120,11 +75,9 @@ impl Simd for Portable {
         w: *const f32,
     ) {
         for j in 0..NR {
-            // SAFETY: see above.
-            let w = unsafe { Self::load(w.add(LANES * j)) };
+            let w = Self::load(w.add(LANES * j));
             for (acc, x) in acc.iter_mut().zip(x) {
-                // SAFETY: see above.
-                let x = unsafe { *x.add(k) };
+                let x = *x.add(k);
                 acc[j] = each(|i| multiply_add(x, w[i], acc[j][i]));
             }
         }
@@ -138,13 +91,11 @@ impl Simd for Portable {
         w: *const Bf16,
     ) {
         for j in 0..NR {
-            // SAFETY: see above.
-            let pairs = unsafe { w.add(2 * LANES * j).cast::<[[Bf16; 2]; LANES]>().read() };
+            let pairs = w.add(2 * LANES * j).cast::<[[Bf16; 2]; LANES]>().read();
             for odd in [0, 1] {
                 let w = each(|i| pairs[i][odd].to_f32());
                 for (acc, x) in acc.iter_mut().zip(x) {
-                    // SAFETY: see above.
-                    let x = unsafe { (*x.add(k + odd)).to_f32() };
+                    let x = (*x.add(k + odd)).to_f32();
                     acc[j] = each(|i| multiply_add(x, w[i], acc[j][i]));
                 }
             }

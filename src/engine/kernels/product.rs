@@ -29,7 +29,6 @@ pub enum Addend<'a, T> {
 }
 
 /// Where a product goes: rows of the padded number of outputs.
-#[derive(Debug)]
 pub enum Output<'a, T> {
     /// As it is.
     Wide(&'a mut [f32]),
@@ -78,19 +77,15 @@ pub fn product<T: Number>(
             };
         }
     }
+    let (x, out) = (x.as_ptr(), &mut out);
     // SAFETY: lengths and indices were checked above.
     dispatch!(
         isa,
         T,
         panels(
-            weight: &Packed<T>,
-            x: *const T,
-            stride: usize,
-            n: usize,
-            addend: Addend<T>,
-            function: Function,
-            out: &mut Output<T>
-        ) = (weight, x.as_ptr(), stride, n, addend, function, &mut out)
+            weight: &Packed<T>, x: *const T, stride: usize, n: usize, addend: Addend<T>,
+            function: Function, out: &mut Output<T>
+        )
     )
 }
 
@@ -124,18 +119,15 @@ unsafe fn panels<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
     let mut column = 0;
     let steps = weight.inputs().div_ceil(T::STEP);
     for &vectors in weight.panels() {
-        // SAFETY: the panel's weights are `steps * vectors` vectors from w.
-        unsafe {
-            let place = (column, weight.columns());
-            match vectors {
-                1 => panel::<S, T, MR, 1>(w, steps, place, x, stride, n, addend, function, out),
-                2 if WIDE => panel::<S, T, MR, 2>(w, steps, place, x, stride, n, addend, function, out),
-                3 if WIDE => panel::<S, T, MR, 3>(w, steps, place, x, stride, n, addend, function, out),
-                4 if WIDE => panel::<S, T, MR, 4>(w, steps, place, x, stride, n, addend, function, out),
-                _ => unreachable!("panels were packed for another instruction set"),
-            }
-            w = w.add(steps * vectors * LANES * T::STEP);
+        let place = (column, weight.columns());
+        match vectors {
+            1 => panel::<S, T, MR, 1>(w, steps, place, x, stride, n, addend, function, out),
+            2 if WIDE => panel::<S, T, MR, 2>(w, steps, place, x, stride, n, addend, function, out),
+            3 if WIDE => panel::<S, T, MR, 3>(w, steps, place, x, stride, n, addend, function, out),
+            4 if WIDE => panel::<S, T, MR, 4>(w, steps, place, x, stride, n, addend, function, out),
+            _ => unreachable!("panels were packed for another instruction set"),
         }
+        w = w.add(steps * vectors * LANES * T::STEP);
         column += vectors * LANES;
     }
 }
@@ -161,17 +153,14 @@ unsafe fn panel<S: Simd, T: Number, const MR: usize, const NR: usize>(
     while start < n {
         // Past the end the last row is done again, to the same effect.
         let row: [usize; MR] = std::array::from_fn(|i| (start + i).min(n - 1));
-        // SAFETY: rows and columns are within what product() checked.
-        unsafe {
-            let x: [*const T; MR] = std::array::from_fn(|i| x.add(row[i] * stride));
-            let mut acc = [[S::splat(0.0); NR]; MR];
-            let mut w = w;
-            for step in 0..steps {
-                T::step::<S, MR, NR>(&mut acc, &x, step * T::STEP, w);
-                w = w.add(NR * LANES * T::STEP);
-            }
-            finish::<S, T, MR, NR>(acc, &row, (column, columns), addend, function, out);
+        let x: [*const T; MR] = std::array::from_fn(|i| x.add(row[i] * stride));
+        let mut acc = [[S::splat(0.0); NR]; MR];
+        let mut w = w;
+        for step in 0..steps {
+            T::step::<S, MR, NR>(&mut acc, &x, step * T::STEP, w);
+            w = w.add(NR * LANES * T::STEP);
         }
+        finish::<S, T, MR, NR>(acc, &row, (column, columns), addend, function, out);
         start += MR;
     }
 }
@@ -189,76 +178,73 @@ pub(super) unsafe fn finish<S: Simd, T: Number, const MR: usize, const NR: usize
     function: Function,
     out: &mut Output<T>,
 ) {
-    // SAFETY: rows and columns are within what product() checked.
-    unsafe {
-        match addend {
-            Addend::Nothing => {}
-            Addend::Bias(bias) => {
+    match addend {
+        Addend::Nothing => {}
+        Addend::Bias(bias) => {
+            for j in 0..NR {
+                let b = S::load(bias.as_ptr().add(column + j * LANES));
+                (0..MR).for_each(|i| acc[i][j] = S::add(acc[i][j], b));
+            }
+        }
+        Addend::Rows(rows) => {
+            for i in 0..MR {
+                let from = rows.as_ptr().add(row[i] * columns + column);
+                for j in 0..NR {
+                    acc[i][j] = S::add(acc[i][j], S::load(from.add(j * LANES)));
+                }
+            }
+        }
+        Addend::Ends { senders, index, receivers, owner, first } => {
+            for i in 0..MR {
+                let s = *index.get_unchecked(row[i]) as usize;
+                let r = *owner.get_unchecked(row[i]) as usize - first;
+                let s = senders.as_ptr().add(s * columns + column);
+                let r = receivers.as_ptr().add(r * columns + column);
+                for j in 0..NR {
+                    let ends = S::add(T::load::<S>(s.add(j * LANES)), S::load(r.add(j * LANES)));
+                    acc[i][j] = S::add(acc[i][j], ends);
+                }
+            }
+        }
+        Addend::Output(bias) => {
+            let Output::Wide(out) = out else { unreachable!("only wide outputs are added to") };
+            for i in 0..MR {
+                let from = out.as_ptr().add(row[i] * columns + column);
                 for j in 0..NR {
                     let b = S::load(bias.as_ptr().add(column + j * LANES));
-                    (0..MR).for_each(|i| acc[i][j] = S::add(acc[i][j], b));
-                }
-            }
-            Addend::Rows(rows) => {
-                for i in 0..MR {
-                    let from = rows.as_ptr().add(row[i] * columns + column);
-                    for j in 0..NR {
-                        acc[i][j] = S::add(acc[i][j], S::load(from.add(j * LANES)));
-                    }
-                }
-            }
-            Addend::Ends { senders, index, receivers, owner, first } => {
-                for i in 0..MR {
-                    let s = *index.get_unchecked(row[i]) as usize;
-                    let r = *owner.get_unchecked(row[i]) as usize - first;
-                    let s = senders.as_ptr().add(s * columns + column);
-                    let r = receivers.as_ptr().add(r * columns + column);
-                    for j in 0..NR {
-                        let ends = S::add(T::load::<S>(s.add(j * LANES)), S::load(r.add(j * LANES)));
-                        acc[i][j] = S::add(acc[i][j], ends);
-                    }
-                }
-            }
-            Addend::Output(bias) => {
-                let Output::Wide(out) = out else { unreachable!("only wide outputs are added to") };
-                for i in 0..MR {
-                    let from = out.as_ptr().add(row[i] * columns + column);
-                    for j in 0..NR {
-                        let b = S::load(bias.as_ptr().add(column + j * LANES));
-                        acc[i][j] = S::add(acc[i][j], S::add(b, S::load(from.add(j * LANES))));
-                    }
+                    acc[i][j] = S::add(acc[i][j], S::add(b, S::load(from.add(j * LANES))));
                 }
             }
         }
-        match function {
-            Function::Identity => {}
-            Function::Relu => {
-                let zero = S::splat(0.0);
-                for i in 0..MR {
-                    for j in 0..NR {
-                        acc[i][j] = S::at_least(acc[i][j], zero);
-                    }
+    }
+    match function {
+        Function::Identity => {}
+        Function::Relu => {
+            let zero = S::splat(0.0);
+            for i in 0..MR {
+                for j in 0..NR {
+                    acc[i][j] = S::at_least(acc[i][j], zero);
                 }
-            }
-            // Through memory: unrolled it would be too long, and as a loop over registers there is none.
-            Function::Silu => {
-                let mut tile = acc;
-                silu_each::<S>(tile.as_mut_ptr().cast(), MR * NR);
-                acc = tile;
             }
         }
-        match out {
-            Output::Wide(out) => {
-                for i in 0..MR {
-                    let to = out.as_mut_ptr().add(row[i] * columns + column);
-                    (0..NR).for_each(|j| S::store(to.add(j * LANES), acc[i][j]));
-                }
+        // Through memory: unrolled it would be too long, and as a loop over registers there is none.
+        Function::Silu => {
+            let mut tile = acc;
+            silu_each::<S>(tile.as_mut_ptr().cast(), MR * NR);
+            acc = tile;
+        }
+    }
+    match out {
+        Output::Wide(out) => {
+            for i in 0..MR {
+                let to = out.as_mut_ptr().add(row[i] * columns + column);
+                (0..NR).for_each(|j| S::store(to.add(j * LANES), acc[i][j]));
             }
-            Output::Narrow(out) => {
-                for i in 0..MR {
-                    let to = out.as_mut_ptr().add(row[i] * columns + column);
-                    (0..NR).for_each(|j| T::store::<S>(to.add(j * LANES), acc[i][j]));
-                }
+        }
+        Output::Narrow(out) => {
+            for i in 0..MR {
+                let to = out.as_mut_ptr().add(row[i] * columns + column);
+                (0..NR).for_each(|j| T::store::<S>(to.add(j * LANES), acc[i][j]));
             }
         }
     }
@@ -270,8 +256,7 @@ pub(super) unsafe fn finish<S: Simd, T: Number, const MR: usize, const NR: usize
 unsafe fn silu_each<S: Simd>(v: *mut S::V, n: usize) {
     let mut i = 0;
     while i < n {
-        // SAFETY: within the n vectors.
-        unsafe { *v.add(i) = silu::<S>(*v.add(i)) };
+        *v.add(i) = silu::<S>(*v.add(i));
         i += 1;
     }
 }
@@ -287,11 +272,7 @@ pub fn registers<T: Number>(isa: Isa, rounds: usize) -> f64 {
     let mut out: Buffer<f32> = Buffer::new(ROWS * PANEL * LANES);
     let (x, w, out) = (x.as_ptr(), w.as_ptr(), out.as_mut_ptr());
     // SAFETY: the buffers hold eight steps of the largest tile.
-    let steps = dispatch!(
-        isa,
-        T,
-        steps(x: *const T, w: *const T, out: *mut f32, rounds: usize) -> f64 = (x, w, out, rounds)
-    );
+    let steps = dispatch!(isa, T, steps(x: *const T, w: *const T, out: *mut f32, rounds: usize) -> f64);
     steps * 2.0 * (LANES * T::STEP) as f64
 }
 
@@ -304,13 +285,10 @@ unsafe fn steps<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
     out: *mut f32,
     rounds: usize,
 ) -> f64 {
-    // SAFETY: passed on.
-    unsafe {
-        if WIDE {
-            steps_of::<S, T, MR, PANEL>(x, w, out, rounds)
-        } else {
-            steps_of::<S, T, MR, 1>(x, w, out, rounds)
-        }
+    if WIDE {
+        steps_of::<S, T, MR, PANEL>(x, w, out, rounds)
+    } else {
+        steps_of::<S, T, MR, 1>(x, w, out, rounds)
     }
 }
 
@@ -323,20 +301,17 @@ unsafe fn steps_of<S: Simd, T: Number, const MR: usize, const NR: usize>(
     out: *mut f32,
     rounds: usize,
 ) -> f64 {
-    // SAFETY: within the buffers.
-    unsafe {
-        let x: [*const T; MR] = std::array::from_fn(|i| x.add(i * 8 * T::STEP));
-        let mut acc = [[S::splat(0.0); NR]; MR];
-        for _ in 0..rounds {
-            for step in 0..8 {
-                let w = w.add(step * NR * LANES * T::STEP);
-                T::step::<S, MR, NR>(&mut acc, &x, step * T::STEP, w);
-            }
+    let x: [*const T; MR] = std::array::from_fn(|i| x.add(i * 8 * T::STEP));
+    let mut acc = [[S::splat(0.0); NR]; MR];
+    for _ in 0..rounds {
+        for step in 0..8 {
+            let w = w.add(step * NR * LANES * T::STEP);
+            T::step::<S, MR, NR>(&mut acc, &x, step * T::STEP, w);
         }
-        for i in 0..MR {
-            for j in 0..NR {
-                S::store(out.add((i * NR + j) * LANES), acc[i][j]);
-            }
+    }
+    for i in 0..MR {
+        for j in 0..NR {
+            S::store(out.add((i * NR + j) * LANES), acc[i][j]);
         }
     }
     (rounds * 8 * MR * NR) as f64

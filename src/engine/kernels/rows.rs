@@ -10,7 +10,6 @@ use super::{Isa, dispatch, padded};
 const NORM_EPSILON: f32 = 1e-5;
 
 /// Gain and shift of a layer norm over `width` numbers, padded with zeros.
-#[derive(Debug)]
 pub struct Norm {
     width: usize,
     gain: Vec<f32>,
@@ -52,7 +51,6 @@ impl Norm {
 }
 
 /// Where a layer norm goes, rows of the padded width.
-#[derive(Debug)]
 pub enum Normed<'a, T> {
     /// `out[i] = y`
     Wide(&'a mut [f32]),
@@ -116,12 +114,12 @@ fn norms_of<T: Number>(
         }
     };
     assert!(fits, "output of a layer norm");
+    let (x, out) = (x.as_ptr(), &mut out);
     // SAFETY: lengths and indices were checked above.
     dispatch!(
         isa,
         T,
         norms(norm: &Norm, x: *const f32, n: usize, out: &mut Normed<T>, keep: Option<(*mut T, *mut f32)>)
-            = (norm, x.as_ptr(), n, &mut out, keep)
     )
 }
 
@@ -138,16 +136,13 @@ unsafe fn norms<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
     keep: Option<(*mut T, *mut f32)>,
 ) {
     let mut i = 0;
-    // SAFETY: rows up to n.
-    unsafe {
-        while WIDE && i + 8 <= n {
-            norm_rows::<S, T, 8>(norm, x, i, out, keep);
-            i += 8;
-        }
-        while i < n {
-            norm_rows::<S, T, 1>(norm, x, i, out, keep);
-            i += 1;
-        }
+    while WIDE && i + 8 <= n {
+        norm_rows::<S, T, 8>(norm, x, i, out, keep);
+        i += 8;
+    }
+    while i < n {
+        norm_rows::<S, T, 1>(norm, x, i, out, keep);
+        i += 1;
     }
 }
 
@@ -167,126 +162,120 @@ unsafe fn norm_rows<S: Simd, T: Number, const R: usize>(
     let last = columns - LANES;
     let inverse = 1.0 / norm.width as f32;
     let (gain, shift) = (norm.gain.as_ptr(), norm.shift.as_ptr());
-    // SAFETY: rows are within what layer_norm() checked.
-    unsafe {
-        let x: [*const f32; R] = std::array::from_fn(|i| x.add((at + i) * columns));
-        let mut sum = [S::splat(0.0); R];
+    let x: [*const f32; R] = std::array::from_fn(|i| x.add((at + i) * columns));
+    let mut sum = [S::splat(0.0); R];
+    for j in (0..columns).step_by(LANES) {
+        for i in 0..R {
+            sum[i] = S::add(sum[i], S::load(x[i].add(j)));
+        }
+    }
+    let sums = S::sums(&sum);
+    let mut mean = sum;
+    for i in 0..R {
+        mean[i] = S::splat(sums[i] * inverse);
+    }
+    // The padding is not part of the variance.
+    let mask = S::load(norm.mask.as_ptr().add(last));
+    let mut squares = [S::splat(0.0); R];
+    for i in 0..R {
+        let v = S::mul(S::sub(S::load(x[i].add(last)), mean[i]), mask);
+        squares[i] = S::mul(v, v);
+    }
+    for j in (0..last).step_by(LANES) {
+        for i in 0..R {
+            let v = S::sub(S::load(x[i].add(j)), mean[i]);
+            squares[i] = S::fma(v, v, squares[i]);
+        }
+    }
+    let mut factor = S::sums(&squares);
+    for factor in &mut factor {
+        *factor = 1.0 / (*factor * inverse + NORM_EPSILON).sqrt();
+    }
+    // y = (x - mean) factor = x factor + offset
+    let (mut scale, mut offset) = (squares, squares);
+    for i in 0..R {
+        scale[i] = S::splat(factor[i]);
+        offset[i] = S::mul(S::sub(S::splat(0.0), mean[i]), scale[i]);
+        if let Some((_, kept)) = keep {
+            *kept.add(at + i) = factor[i];
+        }
+    }
+    if let Some((kept, _)) = keep {
+        let kept = kept.add(at * columns);
         for j in (0..columns).step_by(LANES) {
             for i in 0..R {
-                sum[i] = S::add(sum[i], S::load(x[i].add(j)));
+                let v = S::mul(S::sub(S::load(x[i].add(j)), mean[i]), scale[i]);
+                T::store::<S>(kept.add(i * columns + j), v);
             }
         }
-        let sums = S::sums(&sum);
-        let mut mean = sum;
-        for i in 0..R {
-            mean[i] = S::splat(sums[i] * inverse);
-        }
-        // The padding is not part of the variance.
-        let mask = S::load(norm.mask.as_ptr().add(last));
-        let mut squares = [S::splat(0.0); R];
-        for i in 0..R {
-            let v = S::mul(S::sub(S::load(x[i].add(last)), mean[i]), mask);
-            squares[i] = S::mul(v, v);
-        }
-        for j in (0..last).step_by(LANES) {
-            for i in 0..R {
-                let v = S::sub(S::load(x[i].add(j)), mean[i]);
-                squares[i] = S::fma(v, v, squares[i]);
-            }
-        }
-        let mut factor = S::sums(&squares);
-        for factor in &mut factor {
-            *factor = 1.0 / (*factor * inverse + NORM_EPSILON).sqrt();
-        }
-        // y = (x - mean) factor = x factor + offset
-        let (mut scale, mut offset) = (squares, squares);
-        for i in 0..R {
-            scale[i] = S::splat(factor[i]);
-            offset[i] = S::mul(S::sub(S::splat(0.0), mean[i]), scale[i]);
-            if let Some((_, kept)) = keep {
-                *kept.add(at + i) = factor[i];
-            }
-        }
-        if let Some((kept, _)) = keep {
-            let kept = kept.add(at * columns);
+    }
+    let y = |i: usize, j: usize, gain: S::V, shift: S::V| {
+        S::fma(S::fma(S::load(x[i].add(j)), scale[i], offset[i]), gain, shift)
+    };
+    match out {
+        Normed::Wide(out) => {
+            let out = out.as_mut_ptr().add(at * columns);
             for j in (0..columns).step_by(LANES) {
+                let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
+                (0..R).for_each(|i| S::store(out.add(i * columns + j), y(i, j, gain, shift)));
+            }
+        }
+        Normed::Narrow(out) => {
+            let out = out.as_mut_ptr().add(at * columns);
+            for j in (0..columns).step_by(LANES) {
+                let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
+                (0..R).for_each(|i| T::store::<S>(out.add(i * columns + j), y(i, j, gain, shift)));
+            }
+        }
+        Normed::Residual(out) => {
+            let out = out.as_mut_ptr().add(at * columns);
+            for j in (0..columns).step_by(LANES) {
+                let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
                 for i in 0..R {
-                    let v = S::mul(S::sub(S::load(x[i].add(j)), mean[i]), scale[i]);
-                    T::store::<S>(kept.add(i * columns + j), v);
+                    let out = out.add(i * columns + j);
+                    S::store(out, S::add(S::load(out), y(i, j, gain, shift)));
                 }
             }
         }
-        let y = |i: usize, j: usize, gain: S::V, shift: S::V| {
-            S::fma(S::fma(S::load(x[i].add(j)), scale[i], offset[i]), gain, shift)
-        };
-        match out {
-            Normed::Wide(out) => {
-                let out = out.as_mut_ptr().add(at * columns);
-                for j in (0..columns).step_by(LANES) {
-                    let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
-                    (0..R).for_each(|i| S::store(out.add(i * columns + j), y(i, j, gain, shift)));
+        Normed::Latents { before, edges } => {
+            let edge = edges.as_mut_ptr().add(at * columns);
+            let before = before.map_or(edge.cast_const(), |b| b.as_ptr().add(at * columns));
+            for j in (0..columns).step_by(LANES) {
+                let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
+                for i in 0..R {
+                    let at = i * columns + j;
+                    T::store::<S>(edge.add(at), S::add(T::load::<S>(before.add(at)), y(i, j, gain, shift)));
                 }
             }
-            Normed::Narrow(out) => {
-                let out = out.as_mut_ptr().add(at * columns);
-                for j in (0..columns).step_by(LANES) {
-                    let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
-                    (0..R).for_each(|i| T::store::<S>(out.add(i * columns + j), y(i, j, gain, shift)));
-                }
+        }
+        Normed::Edges { before, edges, keep, sums, owner, first } => {
+            let edge = edges.as_mut_ptr().add(at * columns);
+            let before = before.map_or(edge.cast_const(), |b| b.as_ptr().add(at * columns));
+            let sums = sums.as_mut_ptr();
+            let mut sum = [sums; R];
+            for (i, sum) in sum.iter_mut().enumerate() {
+                *sum = sums.add((*owner.get_unchecked(at + i) as usize - *first) * columns);
             }
-            Normed::Residual(out) => {
-                let out = out.as_mut_ptr().add(at * columns);
-                for j in (0..columns).step_by(LANES) {
-                    let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
-                    for i in 0..R {
-                        let out = out.add(i * columns + j);
-                        S::store(out, S::add(S::load(out), y(i, j, gain, shift)));
+            // Edges of one node follow each other, so that its sum mostly stays in a register.
+            let mut same = true;
+            for i in 1..R {
+                same &= sum[i] == sum[0];
+            }
+            for j in (0..columns).step_by(LANES) {
+                let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
+                let mut total = S::load(sum[0].add(j));
+                for i in 0..R {
+                    let e = S::add(T::load::<S>(before.add(i * columns + j)), y(i, j, gain, shift));
+                    if *keep {
+                        T::store::<S>(edge.add(i * columns + j), e);
                     }
-                }
-            }
-            Normed::Latents { before, edges } => {
-                let edge = edges.as_mut_ptr().add(at * columns);
-                let before = before.map_or(edge.cast_const(), |b| b.as_ptr().add(at * columns));
-                for j in (0..columns).step_by(LANES) {
-                    let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
-                    for i in 0..R {
-                        let at = i * columns + j;
-                        T::store::<S>(
-                            edge.add(at),
-                            S::add(T::load::<S>(before.add(at)), y(i, j, gain, shift)),
-                        );
+                    if !same && i > 0 {
+                        S::store(sum[i - 1].add(j), total);
+                        total = S::load(sum[i].add(j));
                     }
+                    total = S::add(total, e);
                 }
-            }
-            Normed::Edges { before, edges, keep, sums, owner, first } => {
-                let edge = edges.as_mut_ptr().add(at * columns);
-                let before = before.map_or(edge.cast_const(), |b| b.as_ptr().add(at * columns));
-                let sums = sums.as_mut_ptr();
-                let mut sum = [sums; R];
-                for (i, sum) in sum.iter_mut().enumerate() {
-                    *sum = sums.add((*owner.get_unchecked(at + i) as usize - *first) * columns);
-                }
-                // Edges of one node follow each other, so that its sum mostly stays in a register.
-                let mut same = true;
-                for i in 1..R {
-                    same &= sum[i] == sum[0];
-                }
-                for j in (0..columns).step_by(LANES) {
-                    let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
-                    let mut total = S::load(sum[0].add(j));
-                    for i in 0..R {
-                        let e = S::add(T::load::<S>(before.add(i * columns + j)), y(i, j, gain, shift));
-                        if *keep {
-                            T::store::<S>(edge.add(i * columns + j), e);
-                        }
-                        if !same && i > 0 {
-                            S::store(sum[i - 1].add(j), total);
-                            total = S::load(sum[i].add(j));
-                        }
-                        total = S::add(total, e);
-                    }
-                    S::store(sum[R - 1].add(j), total);
-                }
+                S::store(sum[R - 1].add(j), total);
             }
         }
     }
@@ -295,13 +284,9 @@ unsafe fn norm_rows<S: Simd, T: Number, const R: usize>(
 /// `out[i] = x[i]`, rounded to what activations are made of; a whole number of vectors.
 pub fn narrow<T: Number>(isa: Isa, x: &[f32], out: &mut [T]) {
     assert!(out.len() == x.len() && x.len().is_multiple_of(LANES), "rows to be rounded");
-    let n = x.len();
+    let (x, out, n) = (x.as_ptr(), out.as_mut_ptr(), x.len());
     // SAFETY: both have n numbers, whole vectors.
-    dispatch!(
-        isa,
-        T,
-        narrow_all(x: *const f32, out: *mut T, n: usize) = (x.as_ptr(), out.as_mut_ptr(), n)
-    )
+    dispatch!(isa, T, narrow_all(x: *const f32, out: *mut T, n: usize))
 }
 
 /// # Safety
@@ -313,8 +298,7 @@ unsafe fn narrow_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
     n: usize,
 ) {
     for i in (0..n).step_by(LANES) {
-        // SAFETY: i + LANES <= n.
-        unsafe { T::store::<S>(out.add(i), S::load(x.add(i))) };
+        T::store::<S>(out.add(i), S::load(x.add(i)));
     }
 }
 
@@ -326,13 +310,9 @@ pub fn add_means(isa: Isa, x: &mut [f32], width: usize, table: &[f32], row: &[u3
     let members = &member[row[0] as usize..row[n] as usize];
     assert!(x.len() >= n * width && width.is_multiple_of(LANES), "rows of means");
     assert!(rows_within(members, members.len(), 0..table.len() / width), "members of means");
+    let (x, table) = (x.as_mut_ptr(), table.as_ptr());
     // SAFETY: lengths and indices were checked above.
-    dispatch!(
-        isa,
-        T,
-        means(x: *mut f32, width: usize, table: *const f32, row: &[u32], member: &[i32])
-            = (x.as_mut_ptr(), width, table.as_ptr(), row, member)
-    )
+    dispatch!(isa, T, means(x: *mut f32, width: usize, table: *const f32, row: &[u32], member: &[i32]))
 }
 
 /// # Safety
@@ -347,17 +327,14 @@ unsafe fn means<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
 ) {
     for (i, bounds) in row.windows(2).enumerate() {
         let list = &member[bounds[0] as usize..bounds[1] as usize];
-        // SAFETY: row i and the members' rows are within what add_means() checked.
-        unsafe {
-            let weight = S::splat(1.0 / list.len() as f32);
-            for j in (0..width).step_by(LANES) {
-                let to = x.add(i * width + j);
-                let mut sum = S::load(to);
-                for &k in list {
-                    sum = S::fma(weight, S::load(table.add(k as usize * width + j)), sum);
-                }
-                S::store(to, sum);
+        let weight = S::splat(1.0 / list.len() as f32);
+        for j in (0..width).step_by(LANES) {
+            let to = x.add(i * width + j);
+            let mut sum = S::load(to);
+            for &k in list {
+                sum = S::fma(weight, S::load(table.add(k as usize * width + j)), sum);
             }
+            S::store(to, sum);
         }
     }
 }
@@ -371,11 +348,7 @@ pub fn softmax(isa: Isa, x: &mut [f32], width: usize, n: usize, scale: f32) {
         "rows of a softmax"
     );
     // SAFETY: whole rows of whole vectors.
-    dispatch!(
-        isa,
-        T,
-        softmax_rows(x: &mut [f32], width: usize, n: usize, scale: f32) = (x, width, n, scale)
-    )
+    dispatch!(isa, T, softmax_rows(x: &mut [f32], width: usize, n: usize, scale: f32))
 }
 
 /// # Safety
@@ -392,21 +365,18 @@ unsafe fn softmax_rows<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
         row[n..].fill(f32::NEG_INFINITY);
         let largest = row.iter().fold(f32::NEG_INFINITY, |m, &v| m.max(v));
         let p = row.as_mut_ptr();
-        // SAFETY: the row has `width` numbers.
-        unsafe {
-            for j in (0..width).step_by(LANES) {
-                let v = S::sub(S::load(p.add(j)), S::splat(largest));
-                S::store(p.add(j), exp::<S>(S::mul(S::splat(scale), v)));
-            }
-            std::slice::from_raw_parts_mut(p.add(n), width - n).fill(0.0);
-            let mut sum = S::splat(0.0);
-            for j in (0..width).step_by(LANES) {
-                sum = S::add(sum, S::load(p.add(j)));
-            }
-            let inverse = S::splat(1.0 / S::sum(sum));
-            for j in (0..width).step_by(LANES) {
-                S::store(p.add(j), S::mul(S::load(p.add(j)), inverse));
-            }
+        for j in (0..width).step_by(LANES) {
+            let v = S::sub(S::load(p.add(j)), S::splat(largest));
+            S::store(p.add(j), exp::<S>(S::mul(S::splat(scale), v)));
+        }
+        std::slice::from_raw_parts_mut(p.add(n), width - n).fill(0.0);
+        let mut sum = S::splat(0.0);
+        for j in (0..width).step_by(LANES) {
+            sum = S::add(sum, S::load(p.add(j)));
+        }
+        let inverse = S::splat(1.0 / S::sum(sum));
+        for j in (0..width).step_by(LANES) {
+            S::store(p.add(j), S::mul(S::load(p.add(j)), inverse));
         }
     }
 }

@@ -52,8 +52,7 @@ pub trait Simd: Copy {
     unsafe fn sums<const N: usize>(v: &[Self::V; N]) -> [f32; N] {
         let mut sums = [0.0; N];
         for (sum, v) in sums.iter_mut().zip(v) {
-            // SAFETY: passed on.
-            *sum = unsafe { Self::sum(*v) };
+            *sum = Self::sum(*v);
         }
         sums
     }
@@ -73,6 +72,19 @@ pub trait Simd: Copy {
         w: *const Bf16,
     );
 }
+
+/// Functions of a [`Simd`] that are one expression, a line each.
+macro_rules! lines {
+    ($($name:ident($($arg:ident: $kind:ty),*) -> $result:ty { $body:expr })*) => {
+        $(
+            #[inline(always)]
+            unsafe fn $name($($arg: $kind),*) -> $result {
+                $body
+            }
+        )*
+    };
+}
+pub(super) use lines;
 
 /// What latents, activations and weights are made of.
 #[allow(clippy::missing_safety_doc)]
@@ -114,14 +126,12 @@ impl Number for f32 {
 
     #[inline(always)]
     unsafe fn load<S: Simd>(p: *const Self) -> S::V {
-        // SAFETY: passed on.
-        unsafe { S::load(p) }
+        S::load(p)
     }
 
     #[inline(always)]
     unsafe fn store<S: Simd>(p: *mut Self, v: S::V) {
-        // SAFETY: passed on.
-        unsafe { S::store(p, v) }
+        S::store(p, v)
     }
 
     #[inline(always)]
@@ -131,8 +141,7 @@ impl Number for f32 {
         k: usize,
         w: *const Self,
     ) {
-        // SAFETY: passed on.
-        unsafe { S::step_f32(acc, x, k, w) }
+        S::step_f32(acc, x, k, w)
     }
 }
 
@@ -157,14 +166,12 @@ impl Number for Bf16 {
 
     #[inline(always)]
     unsafe fn load<S: Simd>(p: *const Self) -> S::V {
-        // SAFETY: passed on.
-        unsafe { S::load_bf16(p) }
+        S::load_bf16(p)
     }
 
     #[inline(always)]
     unsafe fn store<S: Simd>(p: *mut Self, v: S::V) {
-        // SAFETY: passed on.
-        unsafe { S::store_bf16(p, v) }
+        S::store_bf16(p, v)
     }
 
     #[inline(always)]
@@ -174,8 +181,7 @@ impl Number for Bf16 {
         k: usize,
         w: *const Self,
     ) {
-        // SAFETY: passed on.
-        unsafe { S::step_bf16(acc, x, k, w) }
+        S::step_bf16(acc, x, k, w)
     }
 }
 
@@ -187,27 +193,21 @@ pub unsafe fn exp<S: Simd>(v: S::V) -> S::V {
     // ln 2 in two parts, so that r below is exact enough.
     const LN2_HIGH: f32 = 0.693_359_4;
     const LN2_LOW: f32 = -2.121_944_4e-4;
-    // SAFETY: passed on to the caller.
-    unsafe {
-        let v = S::at_least(S::at_most(v, S::splat(88.0)), S::splat(-87.0));
-        let rounded = S::fma(v, S::splat(std::f32::consts::LOG2_E), S::splat(ROUND));
-        let n = S::sub(rounded, S::splat(ROUND));
-        let r = S::fma(n, S::splat(-LN2_HIGH), v);
-        let r = S::fma(n, S::splat(-LN2_LOW), r);
-        let mut series = S::splat(1.0 / 720.0);
-        for c in [1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0] {
-            series = S::fma(series, r, S::splat(c));
-        }
-        S::mul(series, S::power_of_two(rounded))
+    let v = S::at_least(S::at_most(v, S::splat(88.0)), S::splat(-87.0));
+    let rounded = S::fma(v, S::splat(std::f32::consts::LOG2_E), S::splat(ROUND));
+    let n = S::sub(rounded, S::splat(ROUND));
+    let r = S::fma(n, S::splat(-LN2_HIGH), v);
+    let r = S::fma(n, S::splat(-LN2_LOW), r);
+    let mut series = S::splat(1.0 / 720.0);
+    for c in [1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0] {
+        series = S::fma(series, r, S::splat(c));
     }
+    S::mul(series, S::power_of_two(rounded))
 }
 
 /// v / (1 + exp(-v))
 #[inline(always)]
 pub unsafe fn silu<S: Simd>(v: S::V) -> S::V {
-    // SAFETY: passed on to the caller.
-    unsafe {
-        let e = exp::<S>(S::sub(S::splat(0.0), v));
-        S::mul(v, S::reciprocal(S::add(S::splat(1.0), e)))
-    }
+    let e = exp::<S>(S::sub(S::splat(0.0), v));
+    S::mul(v, S::reciprocal(S::add(S::splat(1.0), e)))
 }

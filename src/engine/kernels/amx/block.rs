@@ -65,53 +65,50 @@ pub unsafe fn block<const NR: usize>(
     begin: Option<(*const f32, usize)>,
     (end, end_row): (*mut f32, usize),
 ) {
-    // SAFETY: passed on.
-    unsafe {
-        match begin {
-            None => zero!(0 1 2 3),
-            Some((from, step)) => {
-                load!(0, from, step);
-                if NR > 1 {
-                    load!(1, from.add(LANES), step);
-                }
-                if NR > 2 {
-                    load!(2, from.add(2 * LANES), step);
-                }
-                if NR > 3 {
-                    load!(3, from.add(3 * LANES), step);
-                }
-            }
-        }
-        let (mut x, mut w) = (x, w);
-        for _ in 0..steps {
-            load!(4, x, stride);
-            load!(5, w, row);
-            multiply!(0, 4, 5);
+    match begin {
+        None => zero!(0 1 2 3),
+        Some((from, step)) => {
+            load!(0, from, step);
             if NR > 1 {
-                load!(6, w.add(64), row);
-                multiply!(1, 4, 6);
+                load!(1, from.add(LANES), step);
             }
             if NR > 2 {
-                load!(7, w.add(128), row);
-                multiply!(2, 4, 7);
+                load!(2, from.add(2 * LANES), step);
             }
             if NR > 3 {
-                load!(5, w.add(192), row);
-                multiply!(3, 4, 5);
+                load!(3, from.add(3 * LANES), step);
             }
-            x = x.add(64);
-            w = w.add(16 * row);
         }
-        store!(0, end, end_row);
+    }
+    let (mut x, mut w) = (x, w);
+    for _ in 0..steps {
+        load!(4, x, stride);
+        load!(5, w, row);
+        multiply!(0, 4, 5);
         if NR > 1 {
-            store!(1, end.add(LANES), end_row);
+            load!(6, w.add(64), row);
+            multiply!(1, 4, 6);
         }
         if NR > 2 {
-            store!(2, end.add(2 * LANES), end_row);
+            load!(7, w.add(128), row);
+            multiply!(2, 4, 7);
         }
         if NR > 3 {
-            store!(3, end.add(3 * LANES), end_row);
+            load!(5, w.add(192), row);
+            multiply!(3, 4, 5);
         }
+        x = x.add(64);
+        w = w.add(16 * row);
+    }
+    store!(0, end, end_row);
+    if NR > 1 {
+        store!(1, end.add(LANES), end_row);
+    }
+    if NR > 2 {
+        store!(2, end.add(2 * LANES), end_row);
+    }
+    if NR > 3 {
+        store!(3, end.add(3 * LANES), end_row);
     }
 }
 

@@ -35,41 +35,38 @@ pub unsafe fn outer<T: Number>(
     let (left, right) = (left.as_mut_ptr().cast::<u8>(), right.as_mut_ptr().cast::<u8>());
     // Bytes between the outputs of `left`, and between the pairs of `right`.
     let (output, pair) = (2 * rows, 4 * columns);
-    // SAFETY: pairs of rows up to n, whole vectors; both buffers are as long as checked above.
-    unsafe {
-        for i in (0..rows).step_by(2) {
-            for c in (0..columns).step_by(LANES) {
-                let both = row_pair(x.cast(), x_stride, (i, n), c);
-                _mm512_storeu_si512(right.add(i / 2 * pair + 4 * c).cast(), both);
+    for i in (0..rows).step_by(2) {
+        for c in (0..columns).step_by(LANES) {
+            let both = row_pair(x.cast(), x_stride, (i, n), c);
+            _mm512_storeu_si512(right.add(i / 2 * pair + 4 * c).cast(), both);
+        }
+    }
+    for step in 0..steps {
+        for o in (0..width).step_by(LANES) {
+            let mut pairs = [_mm512_setzero_si512(); 16];
+            for p in 0..16 {
+                pairs[p] = row_pair(y.cast(), y_stride, (step * INPUTS + 2 * p, n), o);
+            }
+            let pairs = transposed(pairs);
+            for i in 0..16 {
+                _mm512_storeu_si512(left.add((o + i) * output + 64 * step).cast(), pairs[i]);
             }
         }
-        for step in 0..steps {
-            for o in (0..width).step_by(LANES) {
-                let mut pairs = [_mm512_setzero_si512(); 16];
-                for p in 0..16 {
-                    pairs[p] = row_pair(y.cast(), y_stride, (step * INPUTS + 2 * p, n), o);
-                }
-                let pairs = transposed(pairs);
-                for i in 0..16 {
-                    _mm512_storeu_si512(left.add((o + i) * output + 64 * step).cast(), pairs[i]);
-                }
+    }
+    for first in (0..outputs).step_by(ROWS) {
+        let mut column = 0;
+        while column < columns {
+            let vectors = ((columns - column) / LANES).min(4);
+            let from = (left.add(first * output).cast_const(), output);
+            let by = (right.add(4 * column).cast_const(), pair, steps);
+            let to = (sums.add(first * columns + column), columns, outputs - first);
+            match vectors {
+                1 => add_block::<1>(from, by, to),
+                2 => add_block::<2>(from, by, to),
+                3 => add_block::<3>(from, by, to),
+                _ => add_block::<4>(from, by, to),
             }
-        }
-        for first in (0..outputs).step_by(ROWS) {
-            let mut column = 0;
-            while column < columns {
-                let vectors = ((columns - column) / LANES).min(4);
-                let from = (left.add(first * output).cast_const(), output);
-                let by = (right.add(4 * column).cast_const(), pair, steps);
-                let to = (sums.add(first * columns + column), columns, outputs - first);
-                match vectors {
-                    1 => add_block::<1>(from, by, to),
-                    2 => add_block::<2>(from, by, to),
-                    3 => add_block::<3>(from, by, to),
-                    _ => add_block::<4>(from, by, to),
-                }
-                column += vectors * LANES;
-            }
+            column += vectors * LANES;
         }
     }
 }
@@ -86,18 +83,15 @@ unsafe fn add_block<const NR: usize>(
 ) {
     let mut own = MaybeUninit::<Sums>::uninit();
     let own = own.as_mut_ptr().cast::<f32>();
-    // SAFETY: passed on.
-    unsafe {
-        if rows >= ROWS {
-            return block::<NR>(x, w, Some((sums, 4 * columns)), (sums, 4 * columns));
-        }
-        block::<NR>(x, w, None, (own, NR * 64));
-        for i in 0..rows {
-            for j in 0..NR {
-                let to = sums.add(i * columns + j * LANES);
-                let from = own.add((i * NR + j) * LANES);
-                _mm512_storeu_ps(to, _mm512_add_ps(_mm512_loadu_ps(to), _mm512_loadu_ps(from)));
-            }
+    if rows >= ROWS {
+        return block::<NR>(x, w, Some((sums, 4 * columns)), (sums, 4 * columns));
+    }
+    block::<NR>(x, w, None, (own, NR * 64));
+    for i in 0..rows {
+        for j in 0..NR {
+            let to = sums.add(i * columns + j * LANES);
+            let from = own.add((i * NR + j) * LANES);
+            _mm512_storeu_ps(to, _mm512_add_ps(_mm512_loadu_ps(to), _mm512_loadu_ps(from)));
         }
     }
 }
@@ -108,19 +102,16 @@ unsafe fn add_block<const NR: usize>(
 /// Rows up to n have sixteen numbers at `column`.
 #[inline(always)]
 unsafe fn row_pair(x: *const Bf16, stride: usize, (i, n): (usize, usize), column: usize) -> __m512i {
-    // SAFETY: passed on.
-    unsafe {
-        if i >= n {
-            return _mm512_setzero_si512();
-        }
-        let from = x.add(i * stride + column);
-        let first = _mm512_cvtepu16_epi32(_mm256_loadu_si256(from.cast()));
-        if i + 1 >= n {
-            return first;
-        }
-        let second = _mm512_cvtepu16_epi32(_mm256_loadu_si256(from.add(stride).cast()));
-        _mm512_or_si512(first, _mm512_slli_epi32::<16>(second))
+    if i >= n {
+        return _mm512_setzero_si512();
     }
+    let from = x.add(i * stride + column);
+    let first = _mm512_cvtepu16_epi32(_mm256_loadu_si256(from.cast()));
+    if i + 1 >= n {
+        return first;
+    }
+    let second = _mm512_cvtepu16_epi32(_mm256_loadu_si256(from.add(stride).cast()));
+    _mm512_or_si512(first, _mm512_slli_epi32::<16>(second))
 }
 
 /// Number i of vector j of what comes in is number j of vector i of what goes out.
@@ -129,34 +120,31 @@ unsafe fn row_pair(x: *const Bf16, stride: usize, (i, n): (usize, usize), column
 /// The processor has AVX-512.
 #[inline(always)]
 unsafe fn transposed(v: [__m512i; 16]) -> [__m512i; 16] {
-    // SAFETY: passed on.
-    unsafe {
-        let zero = _mm512_setzero_si512();
-        // Numbers of two vectors, then of four, within quarters.
-        let (mut two, mut four) = ([zero; 16], [zero; 16]);
-        for i in 0..8 {
-            two[2 * i] = _mm512_unpacklo_epi32(v[2 * i], v[2 * i + 1]);
-            two[2 * i + 1] = _mm512_unpackhi_epi32(v[2 * i], v[2 * i + 1]);
-        }
-        for i in 0..4 {
-            for half in 0..2 {
-                let (a, b) = (two[4 * i + half], two[4 * i + 2 + half]);
-                four[4 * i + 2 * half] = _mm512_unpacklo_epi64(a, b);
-                four[4 * i + 2 * half + 1] = _mm512_unpackhi_epi64(a, b);
-            }
-        }
-        // Now quarter q of four[4 i + k] has number 4 q + k of the vectors 4 i to 4 i + 3: quarters change places.
-        let mut out = [zero; 16];
-        for k in 0..4 {
-            let low = _mm512_shuffle_i32x4::<0b10_00_10_00>(four[k], four[4 + k]);
-            let high = _mm512_shuffle_i32x4::<0b11_01_11_01>(four[k], four[4 + k]);
-            let low2 = _mm512_shuffle_i32x4::<0b10_00_10_00>(four[8 + k], four[12 + k]);
-            let high2 = _mm512_shuffle_i32x4::<0b11_01_11_01>(four[8 + k], four[12 + k]);
-            out[k] = _mm512_shuffle_i32x4::<0b10_00_10_00>(low, low2);
-            out[8 + k] = _mm512_shuffle_i32x4::<0b11_01_11_01>(low, low2);
-            out[4 + k] = _mm512_shuffle_i32x4::<0b10_00_10_00>(high, high2);
-            out[12 + k] = _mm512_shuffle_i32x4::<0b11_01_11_01>(high, high2);
-        }
-        out
+    let zero = _mm512_setzero_si512();
+    // Numbers of two vectors, then of four, within quarters.
+    let (mut two, mut four) = ([zero; 16], [zero; 16]);
+    for i in 0..8 {
+        two[2 * i] = _mm512_unpacklo_epi32(v[2 * i], v[2 * i + 1]);
+        two[2 * i + 1] = _mm512_unpackhi_epi32(v[2 * i], v[2 * i + 1]);
     }
+    for i in 0..4 {
+        for half in 0..2 {
+            let (a, b) = (two[4 * i + half], two[4 * i + 2 + half]);
+            four[4 * i + 2 * half] = _mm512_unpacklo_epi64(a, b);
+            four[4 * i + 2 * half + 1] = _mm512_unpackhi_epi64(a, b);
+        }
+    }
+    // Now quarter q of four[4 i + k] has number 4 q + k of the vectors 4 i to 4 i + 3: quarters change places.
+    let mut out = [zero; 16];
+    for k in 0..4 {
+        let low = _mm512_shuffle_i32x4::<0b10_00_10_00>(four[k], four[4 + k]);
+        let high = _mm512_shuffle_i32x4::<0b11_01_11_01>(four[k], four[4 + k]);
+        let low2 = _mm512_shuffle_i32x4::<0b10_00_10_00>(four[8 + k], four[12 + k]);
+        let high2 = _mm512_shuffle_i32x4::<0b11_01_11_01>(four[8 + k], four[12 + k]);
+        out[k] = _mm512_shuffle_i32x4::<0b10_00_10_00>(low, low2);
+        out[8 + k] = _mm512_shuffle_i32x4::<0b11_01_11_01>(low, low2);
+        out[4 + k] = _mm512_shuffle_i32x4::<0b10_00_10_00>(high, high2);
+        out[12 + k] = _mm512_shuffle_i32x4::<0b11_01_11_01>(high, high2);
+    }
+    out
 }

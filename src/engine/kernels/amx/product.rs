@@ -38,17 +38,14 @@ pub unsafe fn product<T: Number>(
         let place = (column, weight.columns());
         let from = (x, stride);
         let rows = (n, readable);
-        // SAFETY: the panel's weights are `steps * 32 * vectors` vectors from w; the rest is passed on.
-        unsafe {
-            match vectors {
-                1 => panel::<T, 1>(w, steps, place, from, rows, addend, function, out),
-                2 => panel::<T, 2>(w, steps, place, from, rows, addend, function, out),
-                3 => panel::<T, 3>(w, steps, place, from, rows, addend, function, out),
-                4 => panel::<T, 4>(w, steps, place, from, rows, addend, function, out),
-                _ => unreachable!("panels were packed for another instruction set"),
-            }
-            w = w.add(steps * INPUTS * vectors * LANES);
+        match vectors {
+            1 => panel::<T, 1>(w, steps, place, from, rows, addend, function, out),
+            2 => panel::<T, 2>(w, steps, place, from, rows, addend, function, out),
+            3 => panel::<T, 3>(w, steps, place, from, rows, addend, function, out),
+            4 => panel::<T, 4>(w, steps, place, from, rows, addend, function, out),
+            _ => unreachable!("panels were packed for another instruction set"),
         }
+        w = w.add(steps * INPUTS * vectors * LANES);
         column += vectors * LANES;
     }
 }
@@ -75,37 +72,34 @@ unsafe fn panel<T: Number, const NR: usize>(
         let first = start.min(readable - ROWS);
         let rows = start..n.min(start + ROWS);
         let whole = first == start && rows.len() == ROWS;
-        // SAFETY: rows `first..first + 16` of x can be read; `rows` are within what product() checked.
-        unsafe {
-            // The sums begin with what is added, where that stands in rows of fp32.
-            let (begin, addend) = match addend {
-                Addend::Bias(bias) => (Some((bias.as_ptr().add(column), 0)), Addend::Nothing),
-                Addend::Rows(from) if whole => {
-                    let from = from.as_ptr().add(start * columns + column);
-                    (Some((from, 4 * columns)), Addend::Nothing)
-                }
-                other => (None, other),
-            };
-            let from = (x.add(first * stride).cast(), bytes);
-            if let (true, Output::Wide(out), Addend::Nothing, Function::Identity) =
-                (whole, &mut *out, addend, function)
+        // The sums begin with what is added, where that stands in rows of fp32.
+        let (begin, addend) = match addend {
+            Addend::Bias(bias) => (Some((bias.as_ptr().add(column), 0)), Addend::Nothing),
+            Addend::Rows(from) if whole => {
+                let from = from.as_ptr().add(start * columns + column);
+                (Some((from, 4 * columns)), Addend::Nothing)
+            }
+            other => (None, other),
+        };
+        let from = (x.add(first * stride).cast(), bytes);
+        if let (true, Output::Wide(out), Addend::Nothing, Function::Identity) =
+            (whole, &mut *out, addend, function)
+        {
+            let end = (out.as_mut_ptr().add(start * columns + column), 4 * columns);
+            block::<NR>(from, (w.cast(), NR * 64, steps), begin, end);
+            continue;
+        }
+        block::<NR>(from, (w.cast(), NR * 64, steps), begin, (own, NR * 64));
+        let sums = own.wrapping_sub(first * NR * LANES);
+        match (&mut *out, addend, function) {
+            (Output::Narrow(out), Addend::Nothing, Function::Identity | Function::Relu)
+                if NR.is_multiple_of(2) =>
             {
-                let end = (out.as_mut_ptr().add(start * columns + column), 4 * columns);
-                block::<NR>(from, (w.cast(), NR * 64, steps), begin, end);
-                continue;
+                let relu = function == Function::Relu;
+                let to = out.as_mut_ptr().add(column).cast();
+                narrow_rows::<NR>(sums, rows, (to, columns), relu);
             }
-            block::<NR>(from, (w.cast(), NR * 64, steps), begin, (own, NR * 64));
-            let sums = own.wrapping_sub(first * NR * LANES);
-            match (&mut *out, addend, function) {
-                (Output::Narrow(out), Addend::Nothing, Function::Identity | Function::Relu)
-                    if NR.is_multiple_of(2) =>
-                {
-                    let relu = function == Function::Relu;
-                    let to = out.as_mut_ptr().add(column).cast();
-                    narrow_rows::<NR>(sums, rows, (to, columns), relu);
-                }
-                _ => finish_rows::<T, NR>(sums, rows, (column, columns), addend, function, out),
-            }
+            _ => finish_rows::<T, NR>(sums, rows, (column, columns), addend, function, out),
         }
     }
 }
@@ -123,19 +117,16 @@ unsafe fn narrow_rows<const NR: usize>(
 ) {
     for i in rows {
         for j in (0..NR).step_by(2) {
-            // SAFETY: passed on.
-            unsafe {
-                let from = sums.wrapping_add((i * NR + j) * LANES);
-                let (mut low, mut high) = (_mm512_loadu_ps(from), _mm512_loadu_ps(from.add(LANES)));
-                if relu {
-                    // The second operand where either is NaN.
-                    low = _mm512_max_ps(_mm512_setzero_ps(), low);
-                    high = _mm512_max_ps(_mm512_setzero_ps(), high);
-                }
-                let both = _mm512_cvtne2ps_pbh(high, low);
-                let to: *mut __m512bh = to.add(i * columns + j * LANES).cast();
-                to.write_unaligned(both);
+            let from = sums.wrapping_add((i * NR + j) * LANES);
+            let (mut low, mut high) = (_mm512_loadu_ps(from), _mm512_loadu_ps(from.add(LANES)));
+            if relu {
+                // The second operand where either is NaN.
+                low = _mm512_max_ps(_mm512_setzero_ps(), low);
+                high = _mm512_max_ps(_mm512_setzero_ps(), high);
             }
+            let both = _mm512_cvtne2ps_pbh(high, low);
+            let to: *mut __m512bh = to.add(i * columns + j * LANES).cast();
+            to.write_unaligned(both);
         }
     }
 }
@@ -152,18 +143,15 @@ unsafe fn finish_rows<T: Number, const NR: usize>(
     out: &mut Output<T>,
 ) {
     for start in rows.clone().step_by(FINISHED) {
-        // SAFETY: passed on.
-        unsafe {
-            let mut row = [start; FINISHED];
-            let mut acc = [[Avx512::<true>::splat(0.0); NR]; FINISHED];
-            for i in 0..FINISHED {
-                row[i] = (start + i).min(rows.end - 1);
-                let from = sums.wrapping_add(row[i] * NR * LANES);
-                for j in 0..NR {
-                    acc[i][j] = Avx512::<true>::load(from.add(j * LANES));
-                }
+        let mut row = [start; FINISHED];
+        let mut acc = [[Avx512::<true>::splat(0.0); NR]; FINISHED];
+        for i in 0..FINISHED {
+            row[i] = (start + i).min(rows.end - 1);
+            let from = sums.wrapping_add(row[i] * NR * LANES);
+            for j in 0..NR {
+                acc[i][j] = Avx512::<true>::load(from.add(j * LANES));
             }
-            finish::<Avx512<true>, T, FINISHED, NR>(acc, &row, place, addend, function, out);
         }
+        finish::<Avx512<true>, T, FINISHED, NR>(acc, &row, place, addend, function, out);
     }
 }

@@ -30,7 +30,6 @@ thread_local! {
 
 /// While one lives, its thread's tiles have their shapes. Setting them takes as long as a small product, so that whoever
 /// does many holds one around them; those within it cost nothing.
-#[derive(Debug)]
 pub struct Tiles {
     /// Whether this one set the shapes.
     owner: bool,
