@@ -2,6 +2,8 @@
 
 use super::normaliser::Normaliser;
 use m4gn_base::Result;
+use m4gn_domain::Components;
+use m4gn_model::ModelSpec;
 
 /// One training example: a trajectory, a frame to start from, and its random numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,7 +38,7 @@ pub struct Batch<'a> {
 }
 
 /// What came of a part of a batch.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Learned {
     /// Its part of the gradient of the batch's mean loss; none if it was not to be computed.
     pub gradient: Option<Vec<f32>>,
@@ -44,6 +46,27 @@ pub struct Learned {
     pub losses: Vec<f64>,
     /// Moments of the examples.
     pub moments: Option<Normaliser>,
+}
+
+impl Learned {
+    /// The sum of what came of the parts of a batch, for a model of so many weights.
+    pub fn sum(spec: &ModelSpec, weights: usize, batch: &Batch, parts: Vec<Learned>) -> Self {
+        let mut sum = Learned {
+            gradient: batch.learn.then(|| vec![0.0; weights]),
+            losses: vec![0.0; Components::new(spec).predicted().count()],
+            moments: batch.accumulate.then(|| Normaliser::new(spec)),
+        };
+        for part in parts {
+            if let (Some(sum), Some(gradient)) = (&mut sum.gradient, part.gradient) {
+                sum.iter_mut().zip(gradient).for_each(|(sum, g)| *sum += g);
+            }
+            sum.losses.iter_mut().zip(part.losses).for_each(|(sum, l)| *sum += l);
+            if let (Some(sum), Some(moments)) = (&mut sum.moments, part.moments) {
+                sum.add(&moments);
+            }
+        }
+        sum
+    }
 }
 
 /// A rollout of a validation trajectory.

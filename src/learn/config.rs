@@ -1,7 +1,9 @@
 //! The settings of an optimisation: `[training]` of a configuration file.
 
+use m4gn_domain::Components;
 use m4gn_engine::Precision;
 use m4gn_engine::backward::UpdateRule;
+use m4gn_model::ModelSpec;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -191,6 +193,26 @@ impl TrainingConfig {
         let restart = self.restarts.iter().find(|r| r.step >= self.steps);
         found.extend(restart.map(|r| format!("restarts has one at step {}", r.step)));
         found
+    }
+
+    /// Standard deviation of the noise of each component, in the fields' units.
+    pub fn noise_of(&self, spec: &ModelSpec, components: &Components) -> Vec<f64> {
+        let of = |&field: &usize| match &spec.fields[field] {
+            field if spec.reads(field) => self.noise.get(&field.name).copied().unwrap_or(0.0),
+            _ => 0.0,
+        };
+        components.field.iter().map(of).collect()
+    }
+
+    /// First output, number of outputs, and weight of the loss of each predicted field.
+    pub fn groups(&self, spec: &ModelSpec, components: &Components) -> Vec<(usize, usize, f64)> {
+        let mut first = 0;
+        let group = |part: &[usize]| {
+            let name = &spec.fields[components.field[part[0]]].name;
+            first += part.len();
+            (first - part.len(), part.len(), self.loss_weights.get(name).copied().unwrap_or(1.0))
+        };
+        components.predicted().map(group).collect()
     }
 
     /// The longest unrolling of the whole schedule.

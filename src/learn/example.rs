@@ -1,6 +1,6 @@
 //! Loss and gradient of one example on the native engine, through all its unrolled steps.
 
-use super::backend::{Batch, Example};
+use super::backend::{Batch, Example, Learned};
 use super::native::{Live, Moved, NativeBackend};
 use super::normaliser::Normaliser;
 use super::samples::Sample;
@@ -18,16 +18,6 @@ struct Applied {
     graph: Option<Moved>,
 }
 
-/// What comes of one example.
-pub struct Piece {
-    /// Its part of the gradient.
-    pub gradient: Option<Vec<f32>>,
-    /// Its part of the losses.
-    pub losses: Vec<f64>,
-    /// What the normalisers need.
-    pub moments: Option<Normaliser>,
-}
-
 impl NativeBackend<'_> {
     /// Loss and gradient of an example, whose part of the batch is `share`.
     pub(crate) fn learn_one(
@@ -37,7 +27,7 @@ impl NativeBackend<'_> {
         example: &Example,
         batch: &Batch,
         share: f64,
-    ) -> Result<Piece> {
+    ) -> Result<Learned> {
         let sample = &self.work.train[example.sample];
         let live = &self.lives[example.sample][usize::from(example.mirror)];
         let (domain, base) = (&live.domain, &live.graph);
@@ -56,7 +46,7 @@ impl NativeBackend<'_> {
         }
         let mut losses = vec![0.0; self.groups.len()];
         if !batch.learn {
-            return Ok(Piece { gradient: None, losses, moments });
+            return Ok(Learned { gradient: None, losses, moments });
         }
         let m = self.spec.n_outputs();
         let mut outputs = vec![0.0; sample.n_cells() * m];
@@ -91,7 +81,7 @@ impl NativeBackend<'_> {
         self.backward(worker, scales, live, sample, example, (applied, d_outputs, keep))?;
         let mut gradient = vec![0.0; self.network.layout().len()];
         self.network.flush(worker, &mut gradient);
-        Ok(Piece { gradient: Some(gradient), losses, moments })
+        Ok(Learned { gradient: Some(gradient), losses, moments })
     }
 
     /// Through all applications, last to first.

@@ -13,10 +13,11 @@ mod native;
 pub mod normaliser;
 pub mod rollout;
 pub mod samples;
-mod state;
+#[cfg(test)]
+mod tests;
 mod workload;
 
 pub use backend::{Backend, Batch, Example, Learned, Rollout};
 pub use config::{BestOf, Decay, Restart, TrainingConfig};
-pub use native::NativeBackend;
+pub use native::{NativeBackend, share_out};
 pub use workload::Workload;

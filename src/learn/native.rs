@@ -10,7 +10,7 @@ use m4gn_engine as engine;
 use m4gn_engine::Precision;
 use m4gn_engine::backward::{TrainGraph, Trainable, Worker, trainable};
 use m4gn_model::{Model, ModelSpec};
-use m4gn_parallel::Comm;
+use m4gn_parallel::{Comm, panic_text};
 use m4gn_structure::Structure;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;
@@ -74,21 +74,7 @@ impl<'a> NativeBackend<'a> {
     /// # Errors
     /// [`Error::Model`] for a model that cannot be trained, or a graph that it does not know.
     pub fn new(t: &TrainingConfig, spec: &ModelSpec, work: &'a Workload, threads: usize) -> Result<Self> {
-        let c = Components::new(spec);
-        let name = |i: &usize| spec.fields[c.field[*i]].name.as_str();
-        let noise = (0..c.count).map(|i| match spec.reads(&spec.fields[c.field[i]]) {
-            true => t.noise.get(name(&i)).copied().unwrap_or(0.0),
-            false => 0.0,
-        });
-        let mut groups: Vec<(usize, usize, f64)> = Vec::new();
-        let mut last = usize::MAX;
-        for (row, i) in c.outputs.iter().enumerate() {
-            match groups.last_mut().filter(|_| c.field[*i] == last) {
-                Some(group) => group.1 += 1,
-                None => groups.push((row, 1, t.loss_weights.get(name(i)).copied().unwrap_or(1.0))),
-            }
-            last = c.field[*i];
-        }
+        let components = Components::new(spec);
         let network = trainable(spec, t.precision, None)?;
         let lives = work.train.iter().map(|sample| {
             let mirror = sample.domain.reflected();
@@ -102,33 +88,15 @@ impl<'a> NativeBackend<'a> {
             lives: lives.collect::<Result<_>>()?,
             workers: (0..threads.max(1)).map(|_| network.worker()).collect(),
             network,
-            noise: noise.collect(),
+            noise: t.noise_of(spec, &components),
             noise_spread: t.noise_spread,
             noise_correction: t.noise_correction as f32,
-            groups,
+            groups: t.groups(spec, &components),
             precision: t.precision,
             spec: spec.clone(),
             work,
-            components: c.clone(),
+            components,
         })
-    }
-
-    /// Does `task` for each of n on the threads; results in order.
-    pub(crate) fn each<R: Send>(
-        &mut self,
-        n: usize,
-        task: impl Fn(&Self, &mut Worker, usize) -> Result<R> + Sync,
-    ) -> Result<Vec<R>> {
-        let mut workers = std::mem::take(&mut self.workers);
-        let done = share_out(&mut workers, n, |worker, i| task(self, worker, i));
-        self.workers = workers;
-        done
-    }
-
-    /// Does `task`, which needs nothing of a thread, for each of n on the threads; results in order.
-    pub fn on_threads<R: Send>(&self, n: usize, task: impl Fn(usize) -> Result<R> + Sync) -> Result<Vec<R>> {
-        let mut threads = vec![(); self.workers.len()];
-        share_out(&mut threads, n, |_, i| task(i))
     }
 
     /// The model with these weights.
@@ -140,7 +108,10 @@ impl<'a> NativeBackend<'a> {
 }
 
 /// Does `task` for each of n, whoever is free the next one; results in order. A panic becomes an error.
-fn share_out<S: Send, R: Send>(
+///
+/// # Errors
+/// Those of the first task that has one.
+pub fn share_out<S: Send, R: Send>(
     workers: &mut [S],
     n: usize,
     task: impl Fn(&mut S, usize) -> Result<R> + Sync,
@@ -153,11 +124,8 @@ fn share_out<S: Send, R: Send>(
             if i >= n {
                 break;
             }
-            let result = catch_unwind(AssertUnwindSafe(|| task(worker, i))).unwrap_or_else(|panic| {
-                let text = panic.downcast_ref::<String>().map(String::as_str);
-                let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
-                Err(Error::Internal(text.unwrap_or("a panic without a message").into()))
-            });
+            let result = catch_unwind(AssertUnwindSafe(|| task(worker, i)))
+                .unwrap_or_else(|panic| Err(Error::Internal(panic_text(&*panic).into())));
             if let Ok(mut done) = done.lock() {
                 done[i] = Some(result);
             }
@@ -207,24 +175,12 @@ impl Backend for NativeBackend<'_> {
                 piece.iter().map(move |e| e.weight * part * cells(e) / all)
             })
             .collect();
-        let pieces = self.each(batch.examples.len(), |backend, worker, i| {
-            backend.learn_one(worker, &scales, &batch.examples[i], batch, shares[i])
+        let mut workers = std::mem::take(&mut self.workers);
+        let pieces = share_out(&mut workers, batch.examples.len(), |worker, i| {
+            self.learn_one(worker, &scales, &batch.examples[i], batch, shares[i])
         });
-        let mut sum = Learned {
-            gradient: batch.learn.then(|| vec![0.0; weights.len()]),
-            losses: vec![0.0; self.groups.len()],
-            moments: batch.accumulate.then(|| Normaliser::new(&self.spec)),
-        };
-        for piece in pieces? {
-            if let (Some(sum), Some(gradient)) = (&mut sum.gradient, piece.gradient) {
-                sum.iter_mut().zip(gradient).for_each(|(sum, g)| *sum += g);
-            }
-            sum.losses.iter_mut().zip(piece.losses).for_each(|(sum, l)| *sum += l);
-            if let (Some(sum), Some(moments)) = (&mut sum.moments, piece.moments) {
-                sum.add(&moments);
-            }
-        }
-        Ok(sum)
+        self.workers = workers;
+        Ok(Learned::sum(&self.spec, weights.len(), batch, pieces?))
     }
 
     fn roll_out(
@@ -234,6 +190,7 @@ impl Backend for NativeBackend<'_> {
         plan: &[Rollout],
     ) -> Result<Vec<Vec<[f64; 2]>>> {
         let model = self.model(weights, normaliser);
-        self.on_threads(plan.len(), |i| self.roll_one(&model, &plan[i]))
+        let mut threads = vec![(); self.workers.len()];
+        share_out(&mut threads, plan.len(), |_, i| self.roll_one(&model, &plan[i]))
     }
 }

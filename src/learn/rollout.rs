@@ -10,34 +10,15 @@ use m4gn_parallel::Comm;
 use m4gn_step::Stepper;
 use std::borrow::Cow;
 
-/// What is done with the state after a model step: its number, the state, and the recorded one of that time.
-type Visit<'a> = dyn FnMut(usize, &[f32], &[f32]) -> Result<()> + 'a;
-
 impl NativeBackend<'_> {
     /// Errors of a rollout, as [`Backend::roll_out`](super::backend::Backend::roll_out) has them.
     pub(crate) fn roll_one(&self, model: &Model, rollout: &Rollout) -> Result<Vec<[f64; 2]>> {
-        let sample = &self.work.valid[rollout.sample];
-        let c = &self.components;
-        let first = sample.frame(rollout.frame)?;
-        let mut errors: Vec<[f64; 2]> = Vec::new();
-        self.roll(model, rollout, &mut |_, state, next| {
-            let both =
-                |field| [state, &first[..]].map(|from| c.mean_square(field, from, next, sample.n_cells()));
-            errors.extend(c.predicted().map(both));
-            Ok(())
-        })?;
-        // There is no graph of a body that has flown apart; the error says so.
-        errors.resize(rollout.steps * c.predicted().count(), [f64::INFINITY, 1.0]);
-        Ok(errors)
-    }
-
-    /// Shows the state after each model step. It ends early where a body leaves the finite numbers.
-    fn roll(&self, model: &Model, rollout: &Rollout, visit: &mut Visit) -> Result<()> {
-        let sample = &self.work.valid[rollout.sample];
+        let (sample, c) = (&self.work.valid[rollout.sample], &self.components);
         let (domain, comm) = (&*sample.domain, Comm::serial());
         let stride = self.work.frames_a_step;
         let frame = |step: usize| sample.state(rollout.frame + step * stride, false);
-        let mut state = frame(0)?;
+        let first = frame(0)?;
+        let mut state = first.clone();
         let options = EngineOptions {
             precision: self.precision,
             edges_move: domain.moves(),
@@ -49,15 +30,20 @@ impl NativeBackend<'_> {
         }
         let engine = Engine::new(model, &structure, &options)?;
         let mut stepper = Stepper::new(domain, &structure, &self.spec, Box::new(engine));
+        let mut errors: Vec<[f64; 2]> = Vec::new();
         for step in 1..=rollout.steps {
             let next = frame(step)?;
             let outputs = stepper.predict(&comm, domain, &mut state, &next)?;
             state = domain.advance(&state, outputs, &next);
-            visit(step, &state, &next)?;
+            let both =
+                |field| [&state, &first].map(|from| c.mean_square(field, from, &next, sample.n_cells()));
+            errors.extend(c.predicted().map(both));
+            // There is no graph of a body that has flown apart.
             if domain.moves() && !state.iter().all(|v| v.is_finite()) {
                 break;
             }
         }
-        Ok(())
+        errors.resize(rollout.steps * c.predicted().count(), [f64::INFINITY, 1.0]);
+        Ok(errors)
     }
 }

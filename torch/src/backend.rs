@@ -1,30 +1,27 @@
 //! libtorch as a backend of the training.
 
-use crate::device::to_host;
-use crate::learner::{Job, Learner, Outcome};
-use crate::pool::Pool;
+use crate::learner::Learner;
 use crate::samples::Sample;
 use m4gn_base::{Error, Result};
 use m4gn_learn::normaliser::Normaliser;
-use m4gn_learn::{Backend, Batch, Learned, Rollout};
-use m4gn_model::ModelSpec;
+use m4gn_learn::{Backend, Batch, Example, Learned, Rollout, share_out};
+use m4gn_parallel::panic_text;
 use m4gn_train::Task;
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use tch::{Device, Tensor};
+use tch::Device;
 
-/// Worker threads with the data as tensors.
+/// The data as tensors, once a thread: tensors that threads share are handles on the same memory.
 pub struct TorchBackend {
-    pool: Pool,
-    threads: usize,
+    learners: Vec<Learner>,
     device: Device,
-    spec: Arc<ModelSpec>,
 }
 
 impl TorchBackend {
     /// For a data set in memory.
     ///
-    /// Errors: [`m4gn_base::Error::Input`] where threads cannot be started, or for noise of several sizes or that is not corrected;
-    /// [`m4gn_base::Error::Model`] for a graph that the model does not know.
+    /// Errors: [`m4gn_base::Error::Input`] for noise of several sizes or that is not corrected; [`m4gn_base::Error::Model`] for a graph that the model does not know.
     pub fn new(task: &Task, device: Device) -> Result<Self> {
         let t = &task.config.training;
         for (key, found) in [("noise_spread", t.noise_spread), ("noise_correction", t.noise_correction)] {
@@ -43,49 +40,24 @@ impl TorchBackend {
         let (train, valid) = (tensors(&task.work.train)?, tensors(&task.work.valid)?);
         let threads = if device == Device::Cpu { task.threads } else { 1 };
         let config = Arc::new(task.config.clone());
-        let learner = Learner::new(config, spec.clone(), train, valid, task.work.frames_a_step, device);
-        Ok(TorchBackend { pool: Pool::new(learner, threads)?, threads, device, spec })
+        let learner = Learner::new(config, spec, train, valid, task.work.frames_a_step, device);
+        let mut learners: Vec<Learner> = (1..threads).map(|_| learner.share()).collect();
+        learners.push(learner);
+        Ok(TorchBackend { learners, device })
     }
 }
 
 impl Backend for TorchBackend {
     fn name(&self) -> String {
-        format!("{} threads of libtorch on {:?}", self.threads, self.device)
+        format!("{} threads of libtorch on {:?}", self.learners.len(), self.device)
     }
 
     fn learn(&mut self, weights: &[f32], normaliser: &Normaliser, batch: &Batch) -> Result<Learned> {
-        let weights = Tensor::from_slice(weights).to_device(self.device);
-        let job = |piece: &[m4gn_learn::Example]| Job::Learn {
-            weights: weights.shallow_clone(),
-            normaliser: normaliser.clone(),
-            examples: piece.to_vec(),
-            unroll: batch.unroll,
-            accumulate: batch.accumulate,
-            learn: batch.learn,
-        };
-        let jobs = batch.examples.chunks(batch.micro).map(job).collect();
-        let mut gradients: Option<Tensor> = None;
-        let predicted = self.spec.fields.iter().filter(|f| f.output != m4gn_model::Output::None);
-        let mut losses = vec![0.0; predicted.count()];
-        let mut moments = batch.accumulate.then(|| Normaliser::new(&self.spec));
-        for outcome in self.pool.run(jobs)? {
-            let Outcome::Learned { gradient, losses: piece, moments: seen, examples } = outcome else {
-                continue;
-            };
-            let part = examples as f64 / batch.total as f64;
-            if let (Some(moments), Some(seen)) = (&mut moments, seen) {
-                moments.add(&seen);
-            }
-            losses.iter_mut().zip(&piece).for_each(|(sum, loss)| *sum += part * loss);
-            if let Some(gradient) = gradient {
-                let gradient = gradient * part;
-                gradients = Some(match gradients {
-                    Some(sum) => sum + gradient,
-                    None => gradient,
-                });
-            }
-        }
-        Ok(Learned { gradient: gradients.map(|g| to_host(&g)), losses, moments })
+        let pieces: Vec<&[Example]> = batch.examples.chunks(batch.micro).collect();
+        let learned = share_out(&mut self.learners, pieces.len(), |learner, i| {
+            guarded(|| learner.learn(weights, normaliser, pieces[i], batch))
+        });
+        Ok(Learned::sum(self.learners[0].spec(), weights.len(), batch, learned?))
     }
 
     fn roll_out(
@@ -94,19 +66,19 @@ impl Backend for TorchBackend {
         normaliser: &Normaliser,
         plan: &[Rollout],
     ) -> Result<Vec<Vec<[f64; 2]>>> {
-        let weights = Tensor::from_slice(weights).to_device(self.device);
-        let job = |rollout: &Rollout| Job::Rollout {
-            weights: weights.shallow_clone(),
-            normaliser: normaliser.clone(),
-            sample: rollout.sample,
-            frame: rollout.frame,
-            steps: rollout.steps,
-        };
-        let outcomes = self.pool.run(plan.iter().map(job).collect())?;
-        let errors = outcomes.into_iter().map(|outcome| match outcome {
-            Outcome::Rolled(errors) => errors,
-            Outcome::Learned { .. } => Vec::new(),
-        });
-        Ok(errors.collect())
+        share_out(&mut self.learners, plan.len(), |learner, i| {
+            guarded(|| tch::no_grad(|| learner.roll_out(weights, normaliser, &plan[i])))
+        })
     }
+}
+
+/// libtorch's errors arrive as panics of tch; they become messages.
+pub(crate) fn guarded<R>(work: impl FnOnce() -> Result<R>) -> Result<R> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| Err(Error::Internal(message(&*panic))))
+}
+
+fn message(panic: &(dyn Any + Send)) -> String {
+    let text = panic_text(panic);
+    // libtorch appends its own C++ stack.
+    text.split("Exception raised from").next().unwrap_or(text).trim().to_string()
 }

@@ -4,10 +4,9 @@
 //! kept for `m4gn_torch_last_error`. Panics end here.
 #![allow(unsafe_code)]
 
-use crate::backend::TorchBackend;
+use crate::backend::{TorchBackend, guarded};
 use crate::device::parse_device;
 use crate::inference::Inference;
-use crate::pool::panic_message;
 use m4gn_base::{Error, Result};
 use m4gn_engine::backward::Optimiser;
 use m4gn_engine::torch::{LIBRARY, TorchGraph, TorchLevel};
@@ -19,7 +18,6 @@ use m4gn_train::{Request, Task, train};
 use m4gn_workbench::bench::{Prepared, Trial};
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_void};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::AtomicU8;
 
 thread_local! {
@@ -28,9 +26,7 @@ thread_local! {
 
 /// The door of every exported function: errors and panics become a status and a message.
 pub(crate) fn guard(body: impl FnOnce() -> Result<()>) -> i32 {
-    let result =
-        catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|p| Err(Error::Internal(panic_message(&*p))));
-    let Err(error) = result else { return 0 };
+    let Err(error) = guarded(body) else { return 0 };
     let text = match &error {
         // The other side adds the words that go with the status.
         Error::Internal(message) => message.clone(),

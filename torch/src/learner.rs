@@ -2,6 +2,7 @@
 
 use crate::config::Config;
 use crate::contact;
+use crate::device::to_host;
 use crate::network::{Network, Topology};
 use crate::normaliser::{Scales, of_example};
 use crate::rollout::{Boundary, State, Stepper};
@@ -11,62 +12,13 @@ use m4gn_base::Result;
 use m4gn_domain::{Components, Domain};
 use m4gn_engine::Precision;
 use m4gn_engine::backward::normal;
-use m4gn_learn::Example;
 use m4gn_learn::normaliser::Normaliser;
+use m4gn_learn::{Batch, Example, Learned, Rollout};
 use m4gn_model::ModelSpec;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 use tch::{Device, Kind, Tensor};
-
-/// Work for one thread.
-pub enum Job {
-    /// Loss and gradient of a few examples.
-    Learn {
-        /// Flat weights.
-        weights: Tensor,
-        /// Normalisers to use.
-        normaliser: Normaliser,
-        /// The examples, one union.
-        examples: Vec<Example>,
-        /// Model steps in the loss.
-        unroll: usize,
-        /// Whether to return what the normalisers need.
-        accumulate: bool,
-        /// Whether to compute the loss and its gradient.
-        learn: bool,
-    },
-    /// Squared errors of a rollout of a validation trajectory.
-    Rollout {
-        /// Flat weights.
-        weights: Tensor,
-        /// Normalisers to use.
-        normaliser: Normaliser,
-        /// Index of the validation trajectory.
-        sample: usize,
-        /// First frame.
-        frame: usize,
-        /// Model steps.
-        steps: usize,
-    },
-}
-
-/// What came of a job.
-pub enum Outcome {
-    /// Of [`Job::Learn`].
-    Learned {
-        /// Gradient of the examples' mean loss, `[weights]`.
-        gradient: Option<Tensor>,
-        /// Mean squared normalised error of each predicted field, over the unrolled steps.
-        losses: Vec<f64>,
-        /// Moments of these examples.
-        moments: Option<Box<Normaliser>>,
-        /// Examples in the piece.
-        examples: usize,
-    },
-    /// Of [`Job::Rollout`], as the backend's `roll_out` has them.
-    Rolled(Vec<[f64; 2]>),
-}
 
 /// Everything a worker needs; each thread has its own, tensors share their storage.
 pub struct Learner {
@@ -84,7 +36,7 @@ pub struct Learner {
     /// Noise of each component, physical units.
     noise: Vec<f64>,
     /// Predicted fields: first output, number of outputs, weight of the loss.
-    groups: Vec<(i64, i64, f64)>,
+    groups: Vec<(usize, usize, f64)>,
 }
 
 impl Learner {
@@ -99,38 +51,12 @@ impl Learner {
     ) -> Self {
         let components = Components::new(&spec);
         let signs: Vec<f32> = components.odd.iter().map(|&odd| if odd { -1.0 } else { 1.0 }).collect();
-        let name = |c: &usize| spec.fields[components.field[*c]].name.as_str();
-        let noise = (0..components.count)
-            .map(|c| {
-                if spec.reads(&spec.fields[components.field[c]]) {
-                    config.training.noise.get(name(&c)).copied().unwrap_or(0.0)
-                } else {
-                    0.0
-                }
-            })
-            .collect();
-        let mut groups: Vec<(i64, i64, f64)> = Vec::new();
-        let mut last = usize::MAX;
-        for (row, c) in components.outputs.iter().enumerate() {
-            if components.field[*c] == last {
-                if let Some(group) = groups.last_mut() {
-                    group.1 += 1;
-                }
-            } else {
-                groups.push((
-                    row as i64,
-                    1,
-                    config.training.loss_weights.get(name(c)).copied().unwrap_or(1.0),
-                ));
-                last = components.field[*c];
-            }
-        }
         Learner {
             layout: Layout::new(&spec),
             stepper: Stepper::new(&spec, &components, device),
             reflect: Tensor::from_slice(&signs).to_device(device),
-            noise,
-            groups,
+            noise: config.training.noise_of(&spec, &components),
+            groups: config.training.groups(&spec, &components),
             config,
             spec,
             components,
@@ -154,32 +80,25 @@ impl Learner {
         )
     }
 
-    /// Does a job.
-    ///
-    /// Errors: [`Error::Internal`] where libtorch cannot hand out a state.
-    pub fn run(&self, job: Job) -> Result<Outcome> {
-        match job {
-            Job::Learn { weights, normaliser, examples, unroll, accumulate, learn } => {
-                self.learn(&weights, &normaliser, &examples, unroll, (accumulate, learn))
-            }
-            Job::Rollout { weights, normaliser, sample, frame, steps } => {
-                tch::no_grad(|| self.roll_out(&weights, &normaliser, sample, frame, steps))
-            }
-        }
+    /// The model.
+    pub fn spec(&self) -> &ModelSpec {
+        &self.spec
     }
 
     fn half(&self) -> bool {
         self.config.training.precision == Precision::Bf16
     }
 
-    fn learn(
+    /// Loss and gradient of a few examples, one union: a piece of a batch.
+    ///
+    /// Errors: [`Error::Internal`] where libtorch cannot hand out a state.
+    pub fn learn(
         &self,
-        weights: &Tensor,
+        weights: &[f32],
         normaliser: &Normaliser,
         examples: &[Example],
-        unroll: usize,
-        (accumulate, learn): (bool, bool),
-    ) -> Result<Outcome> {
+        batch: &Batch,
+    ) -> Result<Learned> {
         let (fixed, boundary) = match examples {
             [one] => {
                 let sample = &self.train[one.sample];
@@ -194,75 +113,69 @@ impl Learner {
         let mut graph = contact::at_state(fixed, &domains, &state)?;
         let mut edges = contact::edge_features(&graph, &state);
         let mut moments = None;
-        if accumulate {
+        if batch.accumulate {
             let next = self.state(examples, 1)?;
             let inputs = self.stepper.inputs(&domains, &state, &next)?;
             let target = self.stepper.target(&state, &next.cells);
             // The normalisers see the finest graph.
             let of_edges = edges.narrow(0, 0, graph.senders.size()[0]);
-            moments = Some(Box::new(of_example(&self.spec, [&inputs, &of_edges, &target])?));
+            moments = Some(of_example(&self.spec, [&inputs, &of_edges, &target])?);
         }
-        if !learn {
-            return Ok(Outcome::Learned {
-                gradient: None,
-                losses: vec![0.0; self.groups.len()],
-                moments,
-                examples: examples.len(),
-            });
+        let mut losses = vec![0.0; self.groups.len()];
+        if !batch.learn {
+            return Ok(Learned { gradient: None, losses, moments });
         }
-        let leaf = weights.detach().set_requires_grad(true);
+        let leaf = Tensor::from_slice(weights).to_device(self.device).set_requires_grad(true);
         let views = self.layout.views(&leaf, self.half());
         let network = Network::new(&self.spec.architecture, &views);
         let scales = Scales::new(normaliser, self.device);
         let mut total = Tensor::zeros([], (Kind::Float, self.device));
-        let mut losses = Vec::new();
+        let mut sums: Vec<Tensor> = Vec::new();
         let weights = self.weights(examples);
-        for step in 1..=unroll {
+        for step in 1..=batch.unroll {
             let next = self.state(examples, step)?;
             let inputs = self.stepper.inputs(&domains, &state, &next)?;
             let output = self.stepper.predict(&network, &graph, (&inputs, &edges), &scales);
             let target = (self.stepper.target(&state, &next.cells) - &scales.output.0) / &scales.output.1;
             let square = (&output - target).square() * &weights;
             for (i, &(first, count, weight)) in self.groups.iter().enumerate() {
-                let loss = square.narrow(1, first, count).mean(Kind::Float);
-                total += &loss * (weight / unroll as f64);
-                let loss = loss.detach() / unroll as f64;
-                match losses.get_mut(i) {
+                let loss = square.narrow(1, first as i64, count as i64).mean(Kind::Float);
+                total += &loss * (weight / batch.unroll as f64);
+                let loss = loss.detach() / batch.unroll as f64;
+                match sums.get_mut(i) {
                     Some(sum) => *sum += loss,
-                    None => losses.push(loss),
+                    None => sums.push(loss),
                 }
             }
-            if step < unroll {
+            if step < batch.unroll {
                 state = self.stepper.advance(&scales, &boundary, &state, &output, &next);
                 graph = contact::at_state(graph, &domains, &state)?;
                 edges = contact::edge_features(&graph, &state);
             }
         }
         total.backward();
-        Ok(Outcome::Learned {
-            gradient: Some(leaf.grad()),
-            losses: losses.iter().map(|l| l.double_value(&[])).collect(),
-            moments,
-            examples: examples.len(),
-        })
+        let part = examples.len() as f64 / batch.total as f64;
+        losses.iter_mut().zip(&sums).for_each(|(loss, sum)| *loss = part * sum.double_value(&[]));
+        Ok(Learned { gradient: Some(to_host(&(leaf.grad() * part))), losses, moments })
     }
 
-    fn roll_out(
+    /// For each step of a rollout, of each predicted field: the mean squared errors of the model and of holding the first frame.
+    ///
+    /// Errors: as [`Learner::learn`].
+    pub fn roll_out(
         &self,
-        weights: &Tensor,
+        weights: &[f32],
         normaliser: &Normaliser,
-        sample: usize,
-        frame: usize,
-        steps: usize,
-    ) -> Result<Outcome> {
-        let sample = &self.valid[sample];
+        rollout: &Rollout,
+    ) -> Result<Vec<[f64; 2]>> {
+        let sample = &self.valid[rollout.sample];
         // Validation measures the model that is exported, which the engine runs in fp32.
-        let views = self.layout.views(weights, false);
+        let views = self.layout.views(&Tensor::from_slice(weights).to_device(self.device), false);
         let network = Network::new(&self.spec.architecture, &views);
         let scales = Scales::new(normaliser, self.device);
         let boundary = sample.boundary();
         let read = |step: usize| -> Result<State> {
-            let (cells, boundary) = sample.frame(frame + step * self.frames_a_step, self.device)?;
+            let (cells, boundary) = sample.frame(rollout.frame + step * self.frames_a_step, self.device)?;
             Ok(State { cells, boundary })
         };
         let error = |field: &[usize], a: &Tensor, b: &Tensor| {
@@ -279,7 +192,7 @@ impl Learner {
         let start = state.cells.shallow_clone();
         let mut errors = Vec::new();
         let domains = [sample.domain(false)];
-        for step in 1..=steps {
+        for step in 1..=rollout.steps {
             let graph = contact::at_state(sample.topologies[0].share(), &domains, &state)?;
             let edges = contact::edge_features(&graph, &state);
             let next = read(step)?;
@@ -289,7 +202,7 @@ impl Learner {
             let both = |field| [&state.cells, &start].map(|from| error(field, from, &next.cells));
             errors.extend(self.components.predicted().map(both));
         }
-        Ok(Outcome::Rolled(errors))
+        Ok(errors)
     }
 
     /// The examples' weights, one a cell.
@@ -329,13 +242,8 @@ impl Learner {
         for example in examples {
             let mut rng = ChaCha8Rng::seed_from_u64(example.seed);
             for _ in 0..self.train[example.sample].hosts[0].cells {
-                values.extend(
-                    self.noise.iter().map(
-                        |&std| {
-                            if std > 0.0 { (std * normal(&mut rng)) as f32 } else { 0.0 }
-                        },
-                    ),
-                );
+                let mut draw = |&std: &f64| if std > 0.0 { (std * normal(&mut rng)) as f32 } else { 0.0 };
+                values.extend(self.noise.iter().map(&mut draw));
             }
         }
         let noise = Tensor::from_slice(&values).view_as(&state.cells).to_device(self.device);

@@ -11,7 +11,6 @@ pub mod inference;
 pub mod learner;
 pub mod network;
 pub mod normaliser;
-pub mod pool;
 pub mod processor;
 pub mod rollout;
 pub mod samples;

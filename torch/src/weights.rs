@@ -2,7 +2,7 @@
 
 use m4gn_model::ModelSpec;
 use std::collections::BTreeMap;
-use tch::{Device, Kind, Tensor};
+use tch::{Kind, Tensor};
 
 /// Name, shape and place of each weight in the flat vector; the normalisers are not among them.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,11 +65,6 @@ impl Weights {
     /// The weight that large products use: bfloat16 where asked for.
     pub fn product(&self, name: &str) -> &Tensor {
         self.half.get(name).unwrap_or_else(|| self.full(name))
-    }
-
-    /// Where the weights are.
-    pub fn device(&self) -> Device {
-        self.full.values().next().map_or(Device::Cpu, Tensor::device)
     }
 
     /// Whether large products are in bfloat16.

@@ -1,10 +1,10 @@
 //! Gradients of bodies through several strides.
 
-use super::*;
 use crate::backend::{Backend, Batch, Example};
 use crate::config::TrainingConfig;
 use crate::native::NativeBackend;
 use crate::normaliser::Normaliser;
+use crate::samples::Sample;
 use crate::workload::Workload;
 use m4gn_engine::backward::Layout;
 use m4gn_mesh::body::Body;
@@ -108,15 +108,26 @@ fn unrolled(spec: &ModelSpec) {
     let weights = layout.flatten(&Model::random(spec.clone(), 3).unwrap()).unwrap();
     for unroll in [2, 3] {
         let (_, gradient, normaliser) = learn(&mut backend, None, &weights, unroll);
-        let length = gradient.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
-        let mut at = |size: f64| {
-            let pairs = weights.iter().zip(&gradient);
-            let moved: Vec<f32> = pairs.map(|(w, g)| w + (size * f64::from(*g) / length) as f32).collect();
-            learn(&mut backend, Some(&normaliser), &moved, unroll).0
-        };
-        let found = (at(3e-4) - at(-3e-4)) / 6e-4;
-        assert!((found / length - 1.0).abs() < 1e-3, "{unroll} strides: {found} and {length}");
+        along(&mut backend, &normaliser, (&weights, &gradient), unroll, (3e-4, 1e-3));
     }
+}
+
+/// Checks the derivative along a direction, of which the length is expected, by a difference of this size to this tolerance.
+fn along(
+    backend: &mut NativeBackend,
+    normaliser: &Normaliser,
+    (weights, direction): (&[f32], &[f32]),
+    unroll: usize,
+    (size, tolerance): (f64, f64),
+) {
+    let length = direction.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
+    let mut at = |size: f64| {
+        let pairs = weights.iter().zip(direction);
+        let moved: Vec<f32> = pairs.map(|(w, d)| w + (size * f64::from(*d) / length) as f32).collect();
+        learn(backend, Some(normaliser), &moved, unroll).0
+    };
+    let found = (at(size) - at(-size)) / (2.0 * size);
+    assert!((found / length - 1.0).abs() < tolerance, "{unroll} strides: {found} and {length}");
 }
 
 /// Two bars that see each other by world edges, through three strides. How near they come counts as given, so that the network here does
@@ -136,15 +147,7 @@ fn the_gradient_goes_from_body_to_body() {
     let nearness: Vec<usize> =
         (0..shape[0]).flat_map(|row| (3..8).map(move |column| start + row * shape[1] + column)).collect();
     nearness.iter().for_each(|&i| weights[i] = 0.0);
-    let (_, gradient, normaliser) = learn(&mut backend, None, &weights, 3);
-    let mut direction = gradient;
+    let (_, mut direction, normaliser) = learn(&mut backend, None, &weights, 3);
     nearness.iter().for_each(|&i| direction[i] = 0.0);
-    let length = direction.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
-    let mut at = |size: f64| {
-        let pairs = weights.iter().zip(&direction);
-        let moved: Vec<f32> = pairs.map(|(w, d)| w + (size * f64::from(*d) / length) as f32).collect();
-        learn(&mut backend, Some(&normaliser), &moved, 3).0
-    };
-    let found = (at(1e-2) - at(-1e-2)) / 2e-2;
-    assert!((found / length - 1.0).abs() < 1e-2, "{found} and {length}");
+    along(&mut backend, &normaliser, (&weights, &direction), 3, (1e-2, 1e-2));
 }
