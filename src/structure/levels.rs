@@ -13,11 +13,12 @@ use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::vector::{Vector, dot, norm, sub};
 use m4gn_parallel::{Comm, Halo, everywhere};
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ops::Range;
 
 /// Weighted sums of rows: row i is the sum of `weight[k]` times row `from[k]` over `row[i]..row[i + 1]`.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Transfer {
     /// Terms of row i: `row[i]..row[i + 1]`.
     pub row: Vec<u32>,
@@ -75,7 +76,7 @@ impl Transfer {
 }
 
 /// This rank's part of a coarser graph, and the way between it and the next finer one.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Level {
     /// Its nodes, none of them a cell, with those of other ranks that an edge or the way up needs. Features are those of the finest graph's
     /// edges, over 2 to the number of the level: as large as those.

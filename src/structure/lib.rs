@@ -42,9 +42,10 @@ use m4gn_mesh::Mesh;
 use m4gn_model::modal::{ModalSource, Modes};
 use m4gn_model::{MAX_SEGMENTS, SegmentSpec};
 use m4gn_parallel::Comm;
+use serde::{Deserialize, Serialize};
 
 /// Which segments each node belongs to, how the segments touch, and what a network reads of them.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Segmentation {
     /// Number of segments K.
     pub count: usize,

@@ -8,19 +8,21 @@ use super::Segmentation;
 use m4gn_base::{Error, Result};
 use m4gn_mesh::vector::{Vector, dot, sub};
 use m4gn_parallel::{Comm, Halo, everywhere};
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
 /// Places closer than this, over the rms distance from their mean, are one.
 const NEAR: f64 = 1e-6;
 
 /// The segments that this rank reads.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Sequence {
     /// Nodes of segment s: `node[row[s]..row[s + 1]]`; none of a segment that another rank reads.
     pub row: Vec<u32>,
     /// Owned nodes, and from `n_owned` on those that the halo brings.
     pub node: Vec<i32>,
-    /// Brings the nodes of other ranks.
+    /// Brings the nodes of other ranks; no part of what is written of a sequence.
+    #[serde(skip)]
     pub halo: Halo,
 }
 

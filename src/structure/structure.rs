@@ -8,10 +8,11 @@ use m4gn_mesh::Mesh;
 use m4gn_model::modal::ModalSource;
 use m4gn_model::{ModelSpec, Needs, SegmentSpec};
 use m4gn_parallel::Comm;
+use serde::{Deserialize, Serialize};
 
 /// A graph, and what else networks may need of it ([`Needs`]). What a kind of network needs beyond that is another field here and another
 /// of its needs; what takes a structure stays as it is.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Structure {
     /// This rank's part of the graph.
     pub graph: Graph,

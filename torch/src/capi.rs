@@ -9,11 +9,10 @@ use crate::device::parse_device;
 use crate::inference::Inference;
 use m4gn_base::{Error, Result};
 use m4gn_engine::backward::Optimiser;
-use m4gn_engine::torch::{LIBRARY, TorchGraph, TorchLevel};
+use m4gn_engine::torch::LIBRARY;
 use m4gn_model::Model;
-use m4gn_parallel::{Comm, Halo};
-use m4gn_structure::graph::Graph;
-use m4gn_structure::{Level, Segmentation, Sequence, Structure, Transfer};
+use m4gn_parallel::Comm;
+use m4gn_structure::Structure;
 use m4gn_train::{Request, Task, train};
 use m4gn_workbench::bench::{Prepared, Trial};
 use std::cell::RefCell;
@@ -160,24 +159,24 @@ pub unsafe extern "C" fn m4gn_torch_trial_free(handle: *mut c_void) {
     }
 }
 
-/// Loads a model for a graph, which is copied. `device` null: the CPU.
+/// Loads a model for a structure in JSON (see [`Structure`]). `device` null: the CPU.
 ///
 /// # Safety
-/// `model` has `size` bytes, `device` is NUL-terminated; the graph's arrays have the lengths that it says; `handle` can be written.
+/// `model` has `size` bytes, `structure` and `device` are NUL-terminated; `handle` can be written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn m4gn_torch_load(
     model: *const u8,
     size: u64,
-    graph: *const TorchGraph,
+    structure: *const c_char,
     device: *const c_char,
     handle: *mut *mut c_void,
 ) -> i32 {
     guard(|| {
-        if model.is_null() || graph.is_null() || handle.is_null() {
+        if model.is_null() || structure.is_null() || handle.is_null() {
             return Err(Error::Input("m4gn_torch_load: a null pointer".into()));
         }
         // SAFETY: not null, and of this length by this function's contract.
-        let bytes = unsafe { std::slice::from_raw_parts(model, length(size as i64)?) };
+        let bytes = unsafe { std::slice::from_raw_parts(model, size as usize) };
         let model = Model::from_bytes(bytes, "the session's model")?;
         let device = if device.is_null() {
             "cpu".into()
@@ -185,15 +184,10 @@ pub unsafe extern "C" fn m4gn_torch_load(
             // SAFETY: NUL-terminated by this function's contract.
             unsafe { CStr::from_ptr(device) }.to_string_lossy().into_owned()
         };
-        // SAFETY: not null and valid for the call.
-        let g = unsafe { &*graph };
-        // SAFETY: the arrays have these lengths by this function's contract.
-        let structure = unsafe {
-            let segments = segments_of(g)?;
-            let sequence = sequence_of(g, segments.as_ref())?;
-            let walk = slice(g.walk, length(g.n_owned)? * length(g.n_walk)?)?.to_vec();
-            Structure { graph: graph_of(g)?, segments, sequence, levels: levels_of(g)?, walk }
-        };
+        // SAFETY: not null, and NUL-terminated by this function's contract.
+        let text = unsafe { CStr::from_ptr(structure) };
+        let structure: Structure = serde_json::from_slice(text.to_bytes())
+            .map_err(|e| Error::Input(format!("the structure of the session: {e}")))?;
         let device = parse_device(&device)?;
         let loaded = Inference::new(&model, &structure, device)?;
         // SAFETY: not null, and writable by this function's contract.
@@ -233,138 +227,5 @@ pub unsafe extern "C" fn m4gn_torch_free(handle: *mut c_void) {
     if !handle.is_null() {
         // SAFETY: made by Box::into_raw in m4gn_torch_load, given back once.
         drop(unsafe { Box::from_raw(handle.cast::<Inference>()) });
-    }
-}
-
-/// A copy of the graph.
-///
-/// # Safety
-/// The arrays have the lengths that `g` says.
-unsafe fn graph_of(g: &TorchGraph) -> Result<Graph> {
-    let nodes = length(g.n_owned)?;
-    // SAFETY: passed on to the caller.
-    unsafe {
-        let types = slice(g.node_types, nodes)?.to_vec();
-        let arrays = (g.senders, g.receivers, g.edge_features);
-        links_of(length(g.n_cells)?.min(nodes), types, length(g.n_edges)?, length(g.n_edge_features)?, arrays)
-    }
-}
-
-/// A copy of nodes of these types and so many edges with so many features each.
-///
-/// # Safety
-/// The arrays, senders, receivers and features, have these lengths.
-unsafe fn links_of(
-    n_cells: usize,
-    node_types: Vec<i32>,
-    edges: usize,
-    n_features: usize,
-    arrays: (*const i32, *const i32, *const f32),
-) -> Result<Graph> {
-    let nodes = node_types.len();
-    // SAFETY: passed on to the caller.
-    let receivers = unsafe { slice(arrays.1, edges)? }.to_vec();
-    let mut row = vec![0; nodes + 1];
-    for &r in &receivers {
-        let end = usize::try_from(r).ok().and_then(|r| row.get_mut(r + 1));
-        *end.ok_or_else(|| Error::Input(format!("m4gn_torch_load: an edge to node {r} of {nodes}")))? += 1;
-    }
-    for i in 0..nodes {
-        row[i + 1] += row[i];
-    }
-    // SAFETY: passed on to the caller.
-    unsafe {
-        Ok(Graph {
-            n_cells,
-            n_owned: nodes,
-            n_local: nodes,
-            node_types,
-            row,
-            senders: slice(arrays.0, edges)?.to_vec(),
-            receivers,
-            edge_features: slice(arrays.2, edges * n_features)?.to_vec(),
-            halo: Halo::default(),
-        })
-    }
-}
-
-/// A copy of the graph's segments; none without a macro stage.
-///
-/// # Safety
-/// The arrays have the lengths that `g` says.
-unsafe fn segments_of(g: &TorchGraph) -> Result<Option<Segmentation>> {
-    let (nodes, count) = (length(g.n_owned)?, length(g.n_segments)?);
-    if count == 0 {
-        return Ok(None);
-    }
-    // SAFETY: passed on to the caller.
-    unsafe {
-        let member_row = slice(g.member_row, nodes + 1)?.to_vec();
-        let members = member_row.last().map_or(0, |&n| n as usize);
-        Ok(Some(Segmentation {
-            sizes: slice(g.sizes, count)?.to_vec(),
-            position: slice(g.position, count * length(g.n_position)?)?.to_vec(),
-            offsets: slice(g.offsets, nodes * length(g.n_offsets)?)?.to_vec(),
-            ..Segmentation::of_members(count, member_row, slice(g.member, members)?.to_vec())
-        }))
-    }
-}
-
-/// A copy of the order of the nodes in these segments; none where there is none.
-///
-/// # Safety
-/// The array has the length that `g` says.
-unsafe fn sequence_of(g: &TorchGraph, segments: Option<&Segmentation>) -> Result<Option<Sequence>> {
-    let Some(segments) = segments.filter(|_| !g.sequence.is_null()) else { return Ok(None) };
-    // SAFETY: passed on to the caller.
-    let node = unsafe { slice(g.sequence, segments.member.len())? }.to_vec();
-    Ok(Some(Sequence::of_nodes(segments, node)))
-}
-
-/// A copy of the coarser graphs.
-///
-/// # Safety
-/// The arrays have the lengths that `g` says.
-unsafe fn levels_of(g: &TorchGraph) -> Result<Vec<Level>> {
-    let n_features = length(g.n_edge_features)?;
-    let mut finer = length(g.n_owned)?;
-    // SAFETY: passed on to the caller.
-    let levels = unsafe { slice(g.levels, length(g.n_levels)?)? };
-    let mut level = |l: &TorchLevel| {
-        let nodes = length(l.n_nodes)?;
-        let arrays = (l.senders, l.receivers, l.edge_features);
-        // SAFETY: passed on to the caller.
-        let (graph, down) = unsafe {
-            let row = slice(l.row, nodes + 1)?.to_vec();
-            let terms = row.last().map_or(0, |&n| n as usize);
-            let down = Transfer {
-                from: slice(l.from, terms)?.to_vec(),
-                weight: slice(l.weight, terms)?.to_vec(),
-                row,
-            };
-            (links_of(0, vec![0; nodes], length(l.n_edges)?, n_features, arrays)?, down)
-        };
-        if down.from.iter().any(|&i| usize::try_from(i).map_or(true, |i| i >= finer)) {
-            return Err(Error::Input(format!("m4gn_torch_load: a coarser graph of a node beyond {finer}")));
-        }
-        let up = down.transposed(finer);
-        finer = nodes;
-        Ok(Level { graph, down, up })
-    };
-    levels.iter().map(&mut level).collect()
-}
-
-fn length(n: i64) -> Result<usize> {
-    usize::try_from(n).map_err(|_| Error::Input(format!("m4gn_torch_load: a length of {n}")))
-}
-
-/// # Safety
-/// `data` points to `n` values that outlive the result, or `n` is 0.
-unsafe fn slice<'a, T>(data: *const T, n: usize) -> Result<&'a [T]> {
-    match (n, data.is_null()) {
-        (0, _) => Ok(&[]),
-        (_, true) => Err(Error::Input("m4gn_torch_load: a null pointer in the graph".into())),
-        // SAFETY: passed on to the caller.
-        _ => Ok(unsafe { std::slice::from_raw_parts(data, n) }),
     }
 }

@@ -7,9 +7,9 @@
 //! const char *m4gn_torch_last_error(void);                /* of this thread, valid until its next call */
 //! int32_t     m4gn_torch_load(const uint8_t *model,       /* [size] a model file's bytes */
 //!                             uint64_t size,
-//!                             const m4gn_torch_graph *graph,
+//!                             const char *structure,      /* JSON: m4gn_structure::Structure, of one rank */
 //!                             const char *device,         /* "cpu", "cuda:0"; NULL: the library's choice */
-//!                             void **handle);             /* 0 fine; the graph is copied */
+//!                             void **handle);             /* 0 fine */
 //! int32_t     m4gn_torch_step(void *handle,
 //!                             const float *inputs,        /* [n_owned * n_field_inputs], physical */
 //!                             float *outputs);            /* [n_cells * n_outputs], physical, changes not added */
@@ -34,7 +34,7 @@ use std::sync::atomic::AtomicU8;
 pub const LIBRARY: Description = Description {
     file: "libm4gn_torch.so",
     prefix: "m4gn_torch",
-    version: 7,
+    version: 8,
     remedy: "It needs libtorch: type setup/all.sh, which fetches libtorch and builds it; `m4gn doctor` checks what \
              there is; backend native needs none of it",
     global: false,

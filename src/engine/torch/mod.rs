@@ -10,80 +10,10 @@ use m4gn_base::plugin::{Plugin, c_string};
 use m4gn_base::{Error, Result};
 use m4gn_model::Model;
 use m4gn_parallel::Comm;
-use m4gn_structure::{Level, Structure};
+use m4gn_structure::Structure;
 use std::ffi::{c_char, c_void};
 
-/// The graph and its segments as they cross to the library; all pointers are borrowed for the call.
-#[repr(C)]
-#[derive(Debug)]
-pub struct TorchGraph {
-    /// Cells, the first nodes.
-    pub n_cells: i64,
-    /// Nodes; there are no ghosts.
-    pub n_owned: i64,
-    /// Directed edges.
-    pub n_edges: i64,
-    /// Features of an edge: solved directions + 1.
-    pub n_edge_features: i64,
-    /// Node type codes `[n_owned]`.
-    pub node_types: *const i32,
-    /// Sending node of each edge `[n_edges]`.
-    pub senders: *const i32,
-    /// Receiving node of each edge `[n_edges]`, ascending.
-    pub receivers: *const i32,
-    /// `[n_edges x n_edge_features]`, physical.
-    pub edge_features: *const f32,
-    /// K; 0 for a model without a macro stage, and the following are then null.
-    pub n_segments: i64,
-    /// Segments of node i: `member[member_row[i]..member_row[i + 1]]`; `[n_owned + 1]`.
-    pub member_row: *const u32,
-    /// Segment numbers.
-    pub member: *const i32,
-    /// Member nodes of each segment `[K]`.
-    pub sizes: *const f64,
-    /// Positional encoding `[K x n_position]`.
-    pub position: *const f32,
-    /// Positional features a segment; 0: none.
-    pub n_position: i64,
-    /// Offsets of the nodes from their segment's centroid `[n_owned x n_offsets]`.
-    pub offsets: *const f32,
-    /// Components of an offset; 0: none.
-    pub n_offsets: i64,
-    /// The nodes of each segment after one another, in the order in which they are read, as many as members; null: in none.
-    pub sequence: *const i32,
-    /// Coarser graphs, the finest first `[n_levels]`.
-    pub levels: *const TorchLevel,
-    /// Their number.
-    pub n_levels: i64,
-    /// Positional encoding of the nodes `[n_owned x n_walk]`.
-    pub walk: *const f32,
-    /// Random-walk steps of it; 0: none.
-    pub n_walk: i64,
-}
-
-/// A coarser graph.
-#[repr(C)]
-#[derive(Debug)]
-pub struct TorchLevel {
-    /// Nodes.
-    pub n_nodes: i64,
-    /// Directed edges.
-    pub n_edges: i64,
-    /// As of [`TorchGraph`].
-    pub senders: *const i32,
-    /// As of [`TorchGraph`].
-    pub receivers: *const i32,
-    /// As of [`TorchGraph`].
-    pub edge_features: *const f32,
-    /// Node i is the sum of `weight[k]` times node `from[k]` of the next finer graph over `row[i]..row[i + 1]`; `[n_nodes + 1]`.
-    pub row: *const u32,
-    /// See `row`.
-    pub from: *const i32,
-    /// See `row`.
-    pub weight: *const f32,
-}
-
-type Load = unsafe extern "C" fn(*const u8, u64, *const TorchGraph, *const c_char, *mut *mut c_void) -> i32;
+type Load = unsafe extern "C" fn(*const u8, u64, *const c_char, *const c_char, *mut *mut c_void) -> i32;
 type Step = unsafe extern "C" fn(*mut c_void, *const f32, *mut f32) -> i32;
 type Free = unsafe extern "C" fn(*mut c_void);
 
@@ -130,12 +60,13 @@ impl TorchBackend {
                 library.function::<Free>("m4gn_torch_free")?,
             )
         };
-        let levels: Vec<TorchLevel> = structure.levels.iter().map(level).collect();
-        let described = describe(structure, &levels);
+        let text =
+            serde_json::to_string(structure).map_err(|e| Error::Internal(format!("structure: {e}")))?;
+        let text = c_string(&text)?;
         let mut handle = std::ptr::null_mut();
         let device = device.as_ref().map_or(std::ptr::null(), |d| d.as_ptr());
-        // SAFETY: all pointers are valid for the call and the arrays have the lengths that the struct says.
-        let status = unsafe { load(bytes.as_ptr(), bytes.len() as u64, &described, device, &mut handle) };
+        // SAFETY: all pointers are valid for the call, the text ends with NUL, and the bytes are so many.
+        let status = unsafe { load(bytes.as_ptr(), bytes.len() as u64, text.as_ptr(), device, &mut handle) };
         library.check(status)?;
         if handle.is_null() {
             return Err(Error::Internal("libm4gn_torch.so loaded no model".into()));
@@ -170,48 +101,5 @@ impl Drop for TorchBackend {
     fn drop(&mut self) {
         // SAFETY: the handle came from m4gn_torch_load and is freed once.
         unsafe { (self.free)(self.handle) };
-    }
-}
-
-fn level(level: &Level) -> TorchLevel {
-    let (graph, down) = (&level.graph, &level.down);
-    TorchLevel {
-        n_nodes: graph.n_owned as i64,
-        n_edges: graph.senders.len() as i64,
-        senders: graph.senders.as_ptr(),
-        receivers: graph.receivers.as_ptr(),
-        edge_features: graph.edge_features.as_ptr(),
-        row: down.row.as_ptr(),
-        from: down.from.as_ptr(),
-        weight: down.weight.as_ptr(),
-    }
-}
-
-fn describe(structure: &Structure, levels: &[TorchLevel]) -> TorchGraph {
-    let graph = &structure.graph;
-    let n_edges = graph.senders.len();
-    let view = structure.segments.as_ref().filter(|v| v.count > 0);
-    TorchGraph {
-        n_cells: graph.n_cells as i64,
-        n_owned: graph.n_owned as i64,
-        n_edges: n_edges as i64,
-        n_edge_features: (graph.edge_features.len() / n_edges.max(1)) as i64,
-        node_types: graph.node_types.as_ptr(),
-        senders: graph.senders.as_ptr(),
-        receivers: graph.receivers.as_ptr(),
-        edge_features: graph.edge_features.as_ptr(),
-        n_segments: view.map_or(0, |v| v.count as i64),
-        member_row: view.map_or(std::ptr::null(), |v| v.member_row.as_ptr()),
-        member: view.map_or(std::ptr::null(), |v| v.member.as_ptr()),
-        sizes: view.map_or(std::ptr::null(), |v| v.sizes.as_ptr()),
-        position: view.map_or(std::ptr::null(), |v| v.position.as_ptr()),
-        n_position: view.map_or(0, |v| (v.position.len() / v.count) as i64),
-        offsets: view.map_or(std::ptr::null(), |v| v.offsets.as_ptr()),
-        n_offsets: view.map_or(0, |v| (v.offsets.len() / graph.n_owned.max(1)) as i64),
-        sequence: structure.sequence.as_ref().map_or(std::ptr::null(), |s| s.node.as_ptr()),
-        levels: levels.as_ptr(),
-        n_levels: levels.len() as i64,
-        walk: structure.walk.as_ptr(),
-        n_walk: (structure.walk.len() / graph.n_owned.max(1)) as i64,
     }
 }

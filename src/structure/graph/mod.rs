@@ -6,9 +6,10 @@
 mod build;
 
 use m4gn_parallel::Halo;
+use serde::{Deserialize, Serialize};
 
 /// This rank's part of the mesh graph.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Graph {
     /// Cells, the first owned nodes.
     pub n_cells: usize,
@@ -26,6 +27,7 @@ pub struct Graph {
     pub receivers: Vec<i32>,
     /// Edge features `[edges x (dim + 1)]`: displacement receiver -> sender in the solved directions, length, m.
     pub edge_features: Vec<f32>,
-    /// Which owned values go to which rank, and where ghosts come from.
+    /// Which owned values go to which rank, and where ghosts come from; no part of what is written of a graph.
+    #[serde(skip)]
     pub halo: Halo,
 }
