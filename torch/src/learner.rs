@@ -102,7 +102,7 @@ impl Learner {
         let (fixed, boundary) = match examples {
             [one] => {
                 let sample = &self.train[one.sample];
-                (sample.topologies[usize::from(one.mirror)].share(), sample.boundary())
+                (sample.topologies[usize::from(one.mirror)].share(), sample.boundary.share())
             }
             _ => self.union(examples),
         };
@@ -173,7 +173,6 @@ impl Learner {
         let views = self.layout.views(&Tensor::from_slice(weights).to_device(self.device), false);
         let network = Network::new(&self.spec.architecture, &views);
         let scales = Scales::new(normaliser, self.device);
-        let boundary = sample.boundary();
         let read = |step: usize| -> Result<State> {
             let (cells, boundary) = sample.frame(rollout.frame + step * self.frames_a_step, self.device)?;
             Ok(State { cells, boundary })
@@ -198,7 +197,7 @@ impl Learner {
             let next = read(step)?;
             let inputs = self.stepper.inputs(&domains, &state, &next)?;
             let output = self.stepper.predict(&network, &graph, (&inputs, &edges), &scales);
-            state = self.stepper.advance(&scales, &boundary, &state, &output, &next);
+            state = self.stepper.advance(&scales, &sample.boundary, &state, &output, &next);
             let both = |field| [&state.cells, &start].map(|from| error(field, from, &next.cells));
             errors.extend(self.components.predicted().map(both));
         }
@@ -266,16 +265,16 @@ impl Learner {
         let owners: Vec<Tensor> = samples
             .iter()
             .map(|s| {
-                let owners = &s.owners + first;
+                let owners = &s.boundary.owners + first;
                 first += s.hosts[0].cells as i64;
                 owners
             })
             .collect();
-        let copies: Vec<&Tensor> = samples.iter().map(|s| &s.copies).collect();
+        let copies: Vec<&Tensor> = samples.iter().map(|s| &s.boundary.copies).collect();
         let free = |s: &Sample| Tensor::zeros([s.hosts[0].cells as i64, 1], (Kind::Float, self.device));
-        let held = |s: &&Sample| s.held.as_ref().map_or_else(|| free(s), Tensor::shallow_clone);
+        let held = |s: &&Sample| s.boundary.held.as_ref().map_or_else(|| free(s), Tensor::shallow_clone);
         let held: Option<Vec<Tensor>> =
-            samples.iter().any(|s| s.held.is_some()).then(|| samples.iter().map(held).collect());
+            samples.iter().any(|s| s.boundary.held.is_some()).then(|| samples.iter().map(held).collect());
         (
             topology,
             Boundary {

@@ -26,6 +26,17 @@ pub struct Boundary {
     pub held: Option<Tensor>,
 }
 
+impl Boundary {
+    /// Another handle on the same tensors.
+    pub fn share(&self) -> Self {
+        Boundary {
+            owners: self.owners.shallow_clone(),
+            copies: self.copies.shallow_clone(),
+            held: self.held.as_ref().map(Tensor::shallow_clone),
+        }
+    }
+}
+
 /// Index tensors and masks over components, made once.
 pub struct Stepper {
     inputs: Option<Tensor>,

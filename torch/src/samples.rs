@@ -29,12 +29,8 @@ pub struct Sample {
     pub hosts: [Arc<HostGraph>; 2],
     /// The graph and its reflection alone, on the device.
     pub topologies: [Topology; 2],
-    /// Owner cell of each boundary node, `[B]`.
-    pub owners: Tensor,
-    /// 1 where a boundary value is its owner's (outflow, symmetry), 0 where it is prescribed, `[B x components]`.
-    pub copies: Tensor,
-    /// 1 for nodes that are held, 0 for the others, `[C x 1]`; none where none is held.
-    pub held: Option<Tensor>,
+    /// How boundary values follow cell values.
+    pub boundary: Boundary,
     /// What it is the tensors of; its frames are in memory or on disk.
     recorded: Arc<m4gn_learn::samples::Sample>,
     /// The domain, and its reflection.
@@ -254,11 +250,13 @@ impl Sample {
         let width = sample.width as i64;
         Ok(Sample {
             topologies: [&host, &reflected].map(|h| HostGraph::union(&[h], spec, device)),
-            owners: Tensor::from_slice(&owners).to_device(device),
-            copies: Tensor::from_slice(&floats(boundary.follows())).view([-1, width]).to_device(device),
-            held: held
-                .contains(&true)
-                .then(|| Tensor::from_slice(&floats(&held)).view([-1, 1]).to_device(device)),
+            boundary: Boundary {
+                owners: Tensor::from_slice(&owners).to_device(device),
+                copies: Tensor::from_slice(&floats(boundary.follows())).view([-1, width]).to_device(device),
+                held: held
+                    .contains(&true)
+                    .then(|| Tensor::from_slice(&floats(&held)).view([-1, 1]).to_device(device)),
+            },
             recorded: sample.clone(),
             domains,
             hosts: [host, reflected].map(Arc::new),
@@ -270,9 +268,7 @@ impl Sample {
         Sample {
             hosts: self.hosts.clone(),
             topologies: [0, 1].map(|i| self.topologies[i].share()),
-            owners: self.owners.shallow_clone(),
-            copies: self.copies.shallow_clone(),
-            held: self.held.as_ref().map(Tensor::shallow_clone),
+            boundary: self.boundary.share(),
             recorded: self.recorded.clone(),
             domains: self.domains.clone(),
         }
@@ -281,15 +277,6 @@ impl Sample {
     /// The domain, or its reflection.
     pub fn domain(&self, mirror: bool) -> &dyn Domain {
         &*self.domains[usize::from(mirror)]
-    }
-
-    /// How boundary values follow cell values.
-    pub fn boundary(&self) -> Boundary {
-        Boundary {
-            owners: self.owners.shallow_clone(),
-            copies: self.copies.shallow_clone(),
-            held: self.held.as_ref().map(Tensor::shallow_clone),
-        }
     }
 
     /// All fields of a frame on the device: `([C x components], [B x components])`.

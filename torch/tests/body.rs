@@ -95,7 +95,7 @@ fn same_steps(spec: &ModelSpec) {
         let edges = contact::edge_features(&graph, &state);
         let inputs = stepper.inputs(&domains, &state, &target).unwrap();
         let output = stepper.predict(&network, &graph, (&inputs, &edges), &scales);
-        let after = stepper.advance(&scales, &sample.boundary(), &state, &output, &target);
+        let after = stepper.advance(&scales, &sample.boundary, &state, &output, &target);
         let before = displacement.clone();
         session.step_body(&mut displacement, [&now, &next]).unwrap();
         let error = relative(&after.cells, &tensor(&displacement));
