@@ -18,6 +18,14 @@ use std::path::Path;
 const MAX_BATCH: u64 = 1 << 16;
 const MAX_UNROLL: u64 = 1 << 12;
 
+/// What numbers have to be, in code and in words.
+type Rule = (fn(f64) -> bool, &'static str);
+const POSITIVE: Rule = (|v| v.is_finite() && v > 0.0, "a positive number");
+const DECAY: Rule = (|v| (0.0..1.0).contains(&v), "0 or more, below 1");
+const NORM: Rule = (|v| v.is_finite() && v >= 0.0, "a norm, or 0 for no limit");
+const SPREAD: Rule = (|v| v.is_finite() && v >= 1.0, "a number, 1 or more");
+const SHARE: Rule = (|v| (0.0..=1.0).contains(&v), "a number from 0 to 1");
+
 /// A whole configuration file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -170,28 +178,24 @@ impl Config {
         let t = &self.training;
         let draft = self.draft()?;
         draft.verify().map_err(|e| fault(&e))?;
-        at_least_one("training.batch_size", t.batch_size as u64)?;
-        at_least_one("training.micro_batch", t.micro_batch as u64)?;
-        for (key, value, most) in [
-            ("training.batch_size", t.batch_size as u64, MAX_BATCH),
-            ("training.micro_batch", t.micro_batch as u64, MAX_BATCH),
-            ("training.unroll", t.longest_unroll() as u64, MAX_UNROLL),
-            ("training.unroll", t.unroll.len() as u64, MAX_UNROLL),
-            ("training.restarts", t.restarts.len() as u64, MAX_UNROLL),
+        for (key, value, least, most) in [
+            ("batch_size", t.batch_size as u64, 1, MAX_BATCH),
+            ("micro_batch", t.micro_batch as u64, 1, MAX_BATCH),
+            ("unroll", t.longest_unroll() as u64, 0, MAX_UNROLL),
+            ("unroll", t.unroll.len() as u64, 0, MAX_UNROLL),
+            ("restarts", t.restarts.len() as u64, 0, MAX_UNROLL),
+            ("steps", t.steps, 1, u64::MAX),
+            ("validation_interval", t.validation_interval, 1, u64::MAX),
+            ("checkpoint_interval", t.checkpoint_interval, 1, u64::MAX),
+            ("log_interval", t.log_interval, 1, u64::MAX),
+            ("normaliser_steps", t.normaliser_steps, 1, u64::MAX),
+            ("normaliser_warmup", t.normaliser_warmup, 1, u64::MAX),
         ] {
-            if value > most {
-                return bad(key, &value.to_string(), &format!("at most {most}"));
+            if !(least..=most).contains(&value) {
+                let expected =
+                    if value < least { format!("at least {least}") } else { format!("at most {most}") };
+                return bad(&format!("training.{key}"), &value.to_string(), &expected);
             }
-        }
-        at_least_one("training.steps", t.steps)?;
-        for (key, value) in [
-            ("training.validation_interval", t.validation_interval),
-            ("training.checkpoint_interval", t.checkpoint_interval),
-            ("training.log_interval", t.log_interval),
-            ("training.normaliser_steps", t.normaliser_steps),
-            ("training.normaliser_warmup", t.normaliser_warmup),
-        ] {
-            at_least_one(key, value)?;
         }
         if t.normaliser_warmup > t.normaliser_steps {
             return bad(
@@ -200,38 +204,26 @@ impl Config {
                 &format!("at most training.normaliser_steps = {}", t.normaliser_steps),
             );
         }
-        positive("training.learning_rate", t.learning_rate)?;
-        positive("training.learning_rate_end", t.learning_rate_end)?;
-        for restart in &t.restarts {
-            positive("training.restarts.learning_rate", restart.learning_rate)?;
+        let rates = t.restarts.iter().map(|r| ("restarts.learning_rate", r.learning_rate, POSITIVE));
+        let minutes = t.max_minutes.map(|minutes| ("max_minutes", minutes, POSITIVE));
+        let numbers = [
+            ("learning_rate", t.learning_rate, POSITIVE),
+            ("learning_rate_end", t.learning_rate_end, POSITIVE),
+            ("ema_decay", t.ema_decay, DECAY),
+            ("betas", t.betas[0], DECAY),
+            ("betas", t.betas[1], DECAY),
+            ("gradient_clip", t.gradient_clip, NORM),
+            ("noise_spread", t.noise_spread, SPREAD),
+            ("noise_correction", t.noise_correction, SHARE),
+            ("balance", t.balance, SHARE),
+        ];
+        for (key, value, (fits, expected)) in numbers.into_iter().chain(rates).chain(minutes) {
+            if !fits(value) {
+                return bad(&format!("training.{key}"), &value.to_string(), expected);
+            }
         }
         if !t.restarts.is_sorted_by(|a, b| a.step < b.step) {
             return Err(Error::Input("training.restarts: expected ascending steps".into()));
-        }
-        if let Some(minutes) = t.max_minutes {
-            positive("training.max_minutes", minutes)?;
-        }
-        for (key, value) in [
-            ("training.ema_decay", t.ema_decay),
-            ("training.betas", t.betas[0]),
-            ("training.betas", t.betas[1]),
-        ] {
-            if !(0.0..1.0).contains(&value) {
-                return bad(key, &value.to_string(), "0 or more, below 1");
-            }
-        }
-        if !(t.gradient_clip.is_finite() && t.gradient_clip >= 0.0) {
-            return bad("training.gradient_clip", &t.gradient_clip.to_string(), "a norm, or 0 for no limit");
-        }
-        if !(t.noise_spread.is_finite() && t.noise_spread >= 1.0) {
-            return bad("training.noise_spread", &t.noise_spread.to_string(), "a number, 1 or more");
-        }
-        for (key, share) in
-            [("training.noise_correction", t.noise_correction), ("training.balance", t.balance)]
-        {
-            if !(0.0..=1.0).contains(&share) {
-                return bad(key, &share.to_string(), "a number from 0 to 1");
-            }
         }
         let noise = ("training.noise", &t.noise, "an input");
         let weights = ("training.loss_weights", &t.loss_weights, "an output");
@@ -273,14 +265,6 @@ fn fault(message: &str) -> Error {
 
 fn bad<T>(key: &str, found: &str, expected: &str) -> Result<T> {
     Err(fault(&format!("{key}: found {found}, expected {expected}")))
-}
-
-fn positive(key: &str, value: f64) -> Result<()> {
-    if value.is_finite() && value > 0.0 { Ok(()) } else { bad(key, &value.to_string(), "a positive number") }
-}
-
-fn at_least_one(key: &str, value: u64) -> Result<()> {
-    if value >= 1 { Ok(()) } else { bad(key, "0", "at least 1") }
 }
 
 #[cfg(test)]
