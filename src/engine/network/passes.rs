@@ -12,16 +12,12 @@ impl<T: Number + Element> Network<T> {
     pub(super) fn encode_nodes(&mut self, inputs: &[f32]) {
         let Network { grid, n_inputs, .. } = self;
         let (columns, k) = (grid.columns, *n_inputs);
-        let (tiles, node) = (&grid.tiles, &grid.order.node);
         let (encoder, fixed) = (&self.encoder, &self.fixed);
         let (mean, scale) = (&self.input_mean, &self.input_scale);
-        let nodes = Parts::new(&mut grid.nodes);
-        let task = |s: &mut Scratch<T>, i: usize| {
+        grid.sweep_own(|s, tile, order, out| {
             s.clock.start();
-            let places = &tiles[i].nodes;
-            // SAFETY: tiles are disjoint.
-            let out = unsafe { nodes.rows(places, columns) };
-            for (row, &node) in node[places.clone()].iter().enumerate() {
+            let places = &tile.nodes;
+            for (row, &node) in order.node[places.clone()].iter().enumerate() {
                 let raw = &inputs[node as usize * k..(node as usize + 1) * k];
                 let x = s.raw[row * k..].iter_mut();
                 for (((x, raw), m), scale) in x.zip(raw).zip(mean).zip(scale) {
@@ -34,8 +30,7 @@ impl<T: Number + Element> Network<T> {
             let addend = Addend::Rows(&s.sums);
             encoder.run((&s.raw, k), places.len(), addend, buffers, Normed::Wide(out));
             s.clock.stop(Phase::EncodeNodes);
-        };
-        grid.pool.run(&mut grid.scratch, tiles.len(), task, || ());
+        });
     }
 
     /// The decoder, on cells.

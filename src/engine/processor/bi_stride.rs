@@ -7,7 +7,6 @@ use crate::kernels::{Buffer, Number};
 use crate::passing::{Layer, Topology};
 use crate::pool::{Parts, Pool};
 use crate::profile::Phase;
-use crate::tiles::Scratch;
 use m4gn_base::Result;
 use m4gn_model::Model;
 use m4gn_parallel::{Comm, Element, Halo};
@@ -116,17 +115,13 @@ impl<T: Number + Element> BiStride<T> {
 impl<T: Number + Element> Grid<T> {
     /// The latents as sums of other rows.
     fn take(&mut self, transfer: &Transfer, from: &[f32]) {
-        let (columns, tiles) = (self.columns, &self.tiles);
-        let nodes = Parts::new(&mut self.nodes);
-        let task = |s: &mut Scratch<T>, i: usize| {
+        let columns = self.columns;
+        self.sweep_own(|s, tile, _, h| {
             s.clock.start();
-            // SAFETY: tiles are disjoint.
-            let h = unsafe { nodes.rows(&tiles[i].nodes, columns) };
             h.fill(0.0);
-            transfer.add(tiles[i].nodes.clone(), columns, from, h);
+            transfer.add(tile.nodes.clone(), columns, from, h);
             s.clock.stop(Phase::Project);
-        };
-        self.pool.run(&mut self.scratch, tiles.len(), task, || ());
+        });
     }
 }
 

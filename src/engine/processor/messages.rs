@@ -185,14 +185,11 @@ impl<T: Number + Element> Messages<T> {
         let (Some(weight), Some(table)) = (&self.dispatch, stage.dispatched()) else {
             return;
         };
-        let (isa, columns, tiles) = (grid.isa, grid.columns, &grid.tiles);
+        let (isa, columns) = (grid.isa, grid.columns);
         let (row, member) = (&stage.member_row, &stage.member);
-        let nodes = Parts::new(&mut grid.nodes);
-        let task = |s: &mut Scratch<T>, i: usize| {
+        grid.sweep_own(|s, tile, _, h| {
             s.clock.start();
-            let places = &tiles[i].nodes;
-            // SAFETY: tiles are disjoint.
-            let h = unsafe { nodes.rows(places, columns) };
+            let places = &tile.nodes;
             narrow(isa, h, &mut s.a[..h.len()]);
             add_means(isa, h, columns, table, &row[places.start..=places.end], member);
             s.sums[..h.len()].copy_from_slice(h);
@@ -200,8 +197,7 @@ impl<T: Number + Element> Messages<T> {
             let identity = Function::Identity;
             product(isa, weight, (&s.a, columns), places.len(), rows, identity, Output::Wide(h));
             s.clock.stop(Phase::Segments);
-        };
-        grid.pool.run(&mut grid.scratch, tiles.len(), task, || ());
+        });
     }
 }
 
