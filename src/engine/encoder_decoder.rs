@@ -172,7 +172,7 @@ impl<T: Number> Decoder<T> {
             first: linear::columns(isa, model, "decoder.0", 0..d)?,
             inner: inner.collect::<Result<_>>()?,
             last: Linear::new(isa, model, &format!("decoder.{h}"))?,
-            function: linear::activation(model),
+            function: model.spec.architecture.activation.into(),
             bias,
             segment: a
                 .decodes_segments()

@@ -2,7 +2,7 @@
 
 use super::kernels::{Addend, Function, Isa, Norm, Number, Output, Packed, padded, product};
 use m4gn_base::Result;
-use m4gn_model::{Activation, Model};
+use m4gn_model::Model;
 use std::ops::Range;
 
 /// Columns `columns` of tensor `NAME.weight [outputs, all inputs]`.
@@ -39,14 +39,6 @@ pub fn bias(model: &Model, name: &str) -> Result<Vec<f32>> {
 pub fn norm(model: &Model, name: &str) -> Result<Norm> {
     let gain = &model.tensor(&format!("{name}.weight"))?.data;
     Ok(Norm::new(gain, &model.tensor(&format!("{name}.bias"))?.data))
-}
-
-/// The kernels' name of the model's activation.
-pub fn activation(model: &Model) -> Function {
-    match model.spec.architecture.activation {
-        Activation::Relu => Function::Relu,
-        Activation::Silu => Function::Silu,
-    }
 }
 
 /// A linear layer.
@@ -89,7 +81,7 @@ impl<T: Number> Tail<T> {
             layers: (1..=model.spec.architecture.hidden_layers)
                 .map(|i| Linear::new(isa, model, &format!("{name}.{i}")))
                 .collect::<Result<_>>()?,
-            function: activation(model),
+            function: model.spec.architecture.activation.into(),
         })
     }
 

@@ -98,7 +98,7 @@ impl TransformerLayer {
             norm2: linear::norm(model, &name("norm2"))?,
             first: Linear::new(isa, model, &name("ffn.0"))?,
             second: Linear::new(isa, model, &name("ffn.1"))?,
-            function: linear::activation(model),
+            function: model.spec.architecture.activation.into(),
         })
     }
 

@@ -1,6 +1,6 @@
 //! The segment transformer (eq. 11 to 13) on all segments of a graph, in fp32, forward with what is kept, and backward.
 
-use super::mlp::{Activated, Work, fit, function, numbers};
+use super::mlp::{Activated, Work, fit, numbers};
 use super::weights::{Dense, Gradients, Linear, NormWeights, Slots, Vector};
 use crate::kernels::{
     Addend, Buffer, Function, Isa, Normed, Output, activation_backward, layer_norm_keep, multiply_add,
@@ -85,7 +85,7 @@ impl Attention {
             norm2: NormWeights::new(slots, &name("norm2"))?,
             first,
             second,
-            function: function(a),
+            function: a.activation.into(),
             no_bias: Vector::unread(slots, a.width),
         })
     }

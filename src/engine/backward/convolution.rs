@@ -2,7 +2,7 @@
 
 use super::Scales;
 use super::graph::TrainGraph;
-use super::mlp::{Activated, fit, function, numbers};
+use super::mlp::{Activated, fit, numbers};
 use super::network::Buffers;
 use super::processor::Processor;
 use super::weights::{Gradients, Linear, Slots};
@@ -53,7 +53,7 @@ impl<T: Number> Processor<T> for Convolutions<T> {
         Ok(Convolutions {
             isa,
             columns: padded(a.width),
-            function: function(a),
+            function: a.activation.into(),
             layers: (0..a.layers()).map(layer).collect::<Result<_>>()?,
         })
     }

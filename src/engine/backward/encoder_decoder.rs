@@ -3,7 +3,7 @@
 
 use super::graph::{Members, TrainGraph};
 use super::layer::Shared;
-use super::mlp::{Activated, Mlp, MlpTape, Work, fit, function, layers_backward, numbers};
+use super::mlp::{Activated, Mlp, MlpTape, Work, fit, layers_backward, numbers};
 use super::weights::{Dense, Gradients, Linear, Slots, Vector};
 use crate::kernels::{
     Addend, Buffer, Function, Isa, Normed, Number, Output, activation_backward, add_means, narrow, padded,
@@ -142,7 +142,7 @@ impl<T: Number> Decoder<T> {
             isa,
             columns: padded(d),
             n_outputs: spec.n_outputs(),
-            function: function(a),
+            function: a.activation.into(),
             first: Dense::columns(isa, slots, &name(0), 0, d)?,
             first_bias: Vector::new(slots, "decoder.0.bias")?,
             segment: match a.decodes_segments() {

@@ -6,7 +6,7 @@ use crate::kernels::{
     layer_norm_keep, narrow, norm_backward, padded, product, silu_keep,
 };
 use m4gn_base::Result;
-use m4gn_model::{Activation, Architecture};
+use m4gn_model::Architecture;
 use std::ops::Range;
 
 /// Most rows that are worked on at a time.
@@ -56,14 +56,6 @@ impl<T: Number> Work<T> {
             narrow: Buffer::new(ROWS * columns),
             pairs: Pairs::new(ROWS, columns, columns),
         }
-    }
-}
-
-/// The kernels' name of an activation.
-pub fn function(architecture: &Architecture) -> Function {
-    match architecture.activation {
-        Activation::Relu => Function::Relu,
-        Activation::Silu => Function::Silu,
     }
 }
 
@@ -176,7 +168,7 @@ impl<T: Number> Mlp<T> {
             tail: (1..=architecture.hidden_layers).map(layer).collect::<Result<_>>()?,
             first_bias: Vector::new(slots, &format!("{name}.0.bias"))?,
             norm: NormWeights::new(slots, &format!("{name}.norm"))?,
-            function: function(architecture),
+            function: architecture.activation.into(),
         })
     }
 

@@ -1,7 +1,7 @@
 //! A perceptron in fp32 without a norm, on features that do not change with time: the positional encodings (section 3.4.1).
 
 use super::attention::{add, add_rows};
-use super::mlp::{Activated, Work, fit, function, numbers};
+use super::mlp::{Activated, Work, fit, numbers};
 use super::weights::{Gradients, Linear, Slots};
 use crate::kernels::{Buffer, Function, Isa, Output, activation_backward, padded, product};
 use crate::tiles::blocks;
@@ -50,7 +50,7 @@ impl Perceptron {
             layers: (0..=a.hidden_layers)
                 .map(|i| Linear::new(isa, slots, &name(i)))
                 .collect::<Result<_>>()?,
-            function: function(a),
+            function: a.activation.into(),
         })
     }
 

@@ -32,6 +32,8 @@ pub use product::{Addend, Output, product, registers};
 pub use rows::*;
 pub use simd::{Bf16, Number};
 
+use m4gn_model::Activation;
+
 /// What stands between two linear layers, or after the first one when there is only one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Function {
@@ -41,6 +43,15 @@ pub enum Function {
     Relu,
     /// x / (1 + exp(-x))
     Silu,
+}
+
+impl From<Activation> for Function {
+    fn from(activation: Activation) -> Self {
+        match activation {
+            Activation::Relu => Function::Relu,
+            Activation::Silu => Function::Silu,
+        }
+    }
 }
 
 impl Isa {

@@ -4,7 +4,7 @@
 use super::Processor;
 use crate::grid::Grid;
 use crate::kernels::{Buffer, Function, Number, Output, gather_add, narrow, scatter_add};
-use crate::linear::{self, Linear};
+use crate::linear::Linear;
 use crate::profile::Phase;
 use m4gn_base::Result;
 use m4gn_model::Model;
@@ -36,7 +36,7 @@ impl<T: Number> Convolutions<T> {
             layers: (0..layers)
                 .map(|l| Linear::new(grid.isa, model, &format!("processor.{l}.convolution")))
                 .collect::<Result<_>>()?,
-            function: linear::activation(model),
+            function: model.spec.architecture.activation.into(),
             scale: Vec::new(),
             scaled: Buffer::new(grid.n_local * grid.columns),
             message: Vec::with_capacity(graph.halo.n_sent() * grid.columns),
