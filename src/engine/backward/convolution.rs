@@ -72,10 +72,6 @@ impl<T: Number> Processor<T> for Convolutions<T> {
         tape.scaled.bytes() + tape.layers.iter().map(rows).sum::<usize>()
     }
 
-    fn segments(_: &ConvolutionsTape<T>) -> Option<&[f32]> {
-        None
-    }
-
     fn forward(&self, graph: &TrainGraph, _: &Scales, tape: &mut ConvolutionsTape<T>, work: &mut Buffers<T>) {
         let (isa, columns, order) = (self.isa, self.columns, &graph.order);
         let size = graph.n_nodes() * columns;

@@ -9,7 +9,7 @@ use crate::tiles::{self, Tile};
 use m4gn_base::{Error, Result};
 use m4gn_mesh::NodeType;
 use m4gn_model::{Model, ModelSpec};
-use m4gn_structure::{Level, Structure, Transfer};
+use m4gn_structure::{Structure, Transfer};
 
 /// Segments of the nodes, by place in the engine's order.
 #[derive(Clone, Debug)]
@@ -42,17 +42,6 @@ pub struct Coarser {
     pub down: Transfer,
     /// The transpose.
     pub up: Transfer,
-}
-
-impl Coarser {
-    fn with_features(&self, level: &Level) -> Self {
-        Coarser {
-            order: self.order.clone(),
-            edge_features: level.graph.edge_features.clone(),
-            down: self.down.clone(),
-            up: self.up.clone(),
-        }
-    }
 }
 
 /// One serial graph, its node features that do not change, and its segments.
@@ -147,23 +136,14 @@ impl TrainGraph {
 
     /// The same nodes with other edges, and coarser graphs with other features of theirs: those of a structure that changes with time.
     pub fn with_edges(&self, structure: &Structure) -> Self {
-        let graph = &structure.graph;
+        let mut moved = self.clone();
         // On one rank no node waits for ghosts, so that the order of the nodes stays.
-        let order = Order::of(graph, &self.order.search);
-        TrainGraph {
-            order,
-            edge_features: graph.edge_features.clone(),
-            cells: self.cells.clone(),
-            fixed: self.fixed.clone(),
-            members: self.members.clone(),
-            coarser: self
-                .coarser
-                .iter()
-                .zip(&structure.levels)
-                .map(|(c, level)| c.with_features(level))
-                .collect(),
-            walk: self.walk.clone(),
+        moved.order = Order::of(&structure.graph, &self.order.search);
+        moved.edge_features.clone_from(&structure.graph.edge_features);
+        for (coarser, level) in moved.coarser.iter_mut().zip(&structure.levels) {
+            coarser.edge_features.clone_from(&level.graph.edge_features);
         }
+        moved
     }
 
     /// The nodes in tiles for this kind of number.
