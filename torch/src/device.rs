@@ -1,7 +1,7 @@
-//! Devices by name, and tensors on the host.
+//! Devices by name.
 
 use m4gn_base::{Error, Result};
-use tch::{Device, Kind, Tensor};
+use tch::Device;
 
 /// `cpu`, `cuda` or `cuda:N`.
 ///
@@ -24,13 +24,4 @@ pub fn parse_device(name: &str) -> Result<Device> {
         }
     }
     Ok(device)
-}
-
-/// A flat tensor on the host.
-pub fn to_host(tensor: &Tensor) -> Vec<f32> {
-    let host = tensor.to_device(Device::Cpu).to_kind(Kind::Float).contiguous();
-    let mut values = vec![0f32; host.numel()];
-    let count = values.len();
-    host.copy_data(&mut values, count);
-    values
 }

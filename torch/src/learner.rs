@@ -2,7 +2,6 @@
 
 use crate::config::Config;
 use crate::contact;
-use crate::device::to_host;
 use crate::network::{Network, Topology};
 use crate::normaliser::{Scales, of_example};
 use crate::rollout::{Boundary, State, Stepper};
@@ -156,7 +155,7 @@ impl Learner {
         total.backward();
         let part = examples.len() as f64 / batch.total as f64;
         losses.iter_mut().zip(&sums).for_each(|(loss, sum)| *loss = part * sum.double_value(&[]));
-        Ok(Learned { gradient: Some(to_host(&(leaf.grad() * part))), losses, moments })
+        Ok(Learned { gradient: Some(contact::host(&(leaf.grad() * part))?), losses, moments })
     }
 
     /// For each step of a rollout, of each predicted field: the mean squared errors of the model and of holding the first frame.
