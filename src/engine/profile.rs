@@ -64,17 +64,6 @@ pub struct Profile {
     pub flops: [f64; 8],
 }
 
-impl Profile {
-    /// Rate of a phase's products on one thread, GFLOP/s: its operations over its time, everything else that it does
-    /// included; 0 where it did not run.
-    pub fn gflops(&self, phase: Phase) -> f64 {
-        match self.phases[phase as usize] {
-            0.0 => 0.0,
-            seconds => self.flops[phase as usize] * self.steps as f64 / seconds * 1e-9,
-        }
-    }
-}
-
 /// A thread's clock. Off, it costs a branch.
 #[derive(Debug)]
 pub struct Clock {

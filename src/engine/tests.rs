@@ -292,7 +292,7 @@ fn memory_and_profile_add_up() {
     assert_eq!(profile.steps, 3);
     let sum: f64 = profile.phases.iter().sum();
     assert!(sum > 0.0 && sum <= profile.seconds, "{profile:?}");
-    assert!(profile.gflops(Phase::Edges) > 0.0);
+    assert!(profile.flops[Phase::Edges as usize] > 0.0);
     // Width 8 is padded to 16; bf16.
     let edges = engine.memory().iter().find(|(n, _)| *n == "edge latents").unwrap().1;
     assert_eq!(edges, (case.structure.graph.senders.len() * 16 * 2).next_multiple_of(64));
