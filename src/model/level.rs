@@ -22,7 +22,15 @@ impl FieldSpec {
 pub struct Level {
     /// Boundary faces of this rank; none on any rank: the volumes count.
     outlets: Vec<usize>,
-    volumes: Option<Vec<f64>>,
+    volumes: Option<Volumes>,
+}
+
+/// Volumes of this rank's cells, their sum over all ranks, and the number of all ranks' cells.
+#[derive(Clone, Debug)]
+struct Volumes {
+    cells: Vec<f64>,
+    sum: f64,
+    count: i64,
 }
 
 impl Level {
@@ -31,20 +39,22 @@ impl Level {
         let faces = mesh.boundary.iter().enumerate();
         let outlets: Vec<usize> =
             faces.filter(|(_, face)| face.kind == NodeType::Outlet).map(|(i, _)| i).collect();
-        let mut count = [outlets.len() as i64];
-        comm.sum_i64(&mut count);
-        Level { outlets, volumes: (count[0] == 0).then(|| mesh.cell_volumes.clone()) }
+        let mut counts = [outlets.len() as i64, mesh.n_cells() as i64];
+        comm.sum_i64(&mut counts);
+        let [open, count] = counts;
+        let cells = mesh.cell_volumes.clone();
+        let sum = |cells: &[f64]| exact_sum(cells.iter().copied(), count, comm);
+        Level { outlets, volumes: (open == 0).then(|| Volumes { sum: sum(&cells), cells, count }) }
     }
 
-    /// Of a field with these values at cells and boundary faces. Collective.
+    /// Of a field with these values at cells and boundary faces. The same bits on any number of ranks; allocates nothing. Collective.
     pub fn of<T: Copy + Into<f64>>(&self, cells: &[T], boundary: &[T], comm: &Comm) -> f64 {
         match &self.volumes {
-            Some(volumes) => {
-                let pairs = || volumes.iter().zip(cells);
-                let mut sums = [pairs().map(|(v, &p)| v * p.into()).sum::<f64>(), volumes.iter().sum()];
-                comm.sum_f64(&mut sums);
-                if sums[1] > 0.0 { sums[0] / sums[1] } else { 0.0 }
+            Some(volumes) if volumes.sum > 0.0 => {
+                let terms = volumes.cells.iter().zip(cells).map(|(v, &p)| v * p.into());
+                exact_sum(terms, volumes.count, comm) / volumes.sum
             }
+            Some(_) => 0.0,
             None => {
                 let mut ends = [f64::NEG_INFINITY; 2];
                 for &face in &self.outlets {
@@ -63,6 +73,23 @@ impl Level {
         let values = cells.iter_mut().chain(boundary);
         values.for_each(|p| *p = (f64::from(*p) - level) as f32);
     }
+}
+
+/// The sum of at most `count` terms of all ranks, each rounded to a whole multiple of one power of two: the same in any order. Not a
+/// number where a term is none. Collective.
+fn exact_sum(terms: impl Iterator<Item = f64> + Clone, count: i64, comm: &Comm) -> f64 {
+    let size = |x: f64| if x.is_finite() { x.abs() } else { f64::INFINITY };
+    let mut largest = [terms.clone().map(size).fold(0.0, f64::max)];
+    comm.max_f64(&mut largest);
+    let [largest] = largest;
+    if largest == 0.0 || largest.is_infinite() {
+        return if largest == 0.0 { 0.0 } else { f64::NAN };
+    }
+    // The sum stays below 2^62
+    let digits = (60 - largest.log2().floor() as i32 - (count as f64).log2().ceil() as i32).min(1000);
+    let mut sum = [terms.map(|x| (x * 2f64.powi(digits)).round() as i64).sum::<i64>()];
+    comm.sum_i64(&mut sum);
+    sum[0] as f64 * 2f64.powi(-digits)
 }
 
 #[cfg(test)]

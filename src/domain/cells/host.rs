@@ -146,13 +146,7 @@ impl CellsHost {
     }
 
     /// Fields at the new time from the network's outputs and the fields of now.
-    fn scatter(
-        &self,
-        outputs: &[f32],
-        fields: &[Field],
-        levels: &[(&str, f64)],
-        result: &mut [f64],
-    ) -> Result<()> {
+    fn scatter(&self, outputs: &[f32], fields: &[Field], result: &mut [f64]) -> Result<()> {
         let m = self.spec.n_outputs();
         let mut column = 0;
         for spec in self.spec.fields.iter().filter(|f| f.output != Output::None) {
@@ -162,7 +156,7 @@ impl CellsHost {
                 _ => None,
             };
             let level = match spec.output {
-                Output::Value => levels.iter().find(|l| l.0 == spec.name).map_or(0.0, |l| l.1),
+                Output::Value => self.levels.of(&spec.name),
                 _ => 0.0,
             };
             for (i, &d) in directions.iter().enumerate() {
@@ -202,14 +196,14 @@ impl Host for CellsHost {
     ) -> Result<()> {
         let gathered = checked.and_then(|()| self.gather(fields));
         comm.agree(gathered)?;
-        let levels = self.levels.take_off(fields, &mut self.state, comm);
+        self.levels.take_off(fields, &mut self.state, comm);
         let done = match &mut self.groups {
             Some(groups) => groups
                 .predict(comm, network, &self.domain, &self.state)
-                .and_then(|outputs| self.scatter(&outputs, fields, &levels, result)),
+                .and_then(|outputs| self.scatter(&outputs, fields, result)),
             None => network
                 .predict(comm, &self.domain, &mut self.state, &[])
-                .and_then(|outputs| self.scatter(outputs, fields, &levels, result)),
+                .and_then(|outputs| self.scatter(outputs, fields, result)),
         };
         comm.agree(done)
     }

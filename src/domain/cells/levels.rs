@@ -10,9 +10,18 @@ use m4gn_parallel::Comm;
 pub struct Levels {
     /// Components of a state.
     width: usize,
-    /// Name and component of each field that has one.
-    fields: Vec<(String, usize)>,
+    /// Of each field that has one.
+    fields: Vec<Levelled>,
     level: Option<Level>,
+}
+
+#[derive(Clone, Debug)]
+struct Levelled {
+    name: String,
+    /// Its component of a state.
+    column: usize,
+    /// As it was last taken off; 0 where the field was not handed in.
+    level: f64,
 }
 
 impl Levels {
@@ -21,7 +30,7 @@ impl Levels {
         let (mut fields, mut width) = (Vec::new(), 0);
         for field in &spec.fields {
             if field.has_level() {
-                fields.push((field.name.clone(), width));
+                fields.push(Levelled { name: field.name.clone(), column: width, level: 0.0 });
             }
             width += field.components(spec.dim);
         }
@@ -29,21 +38,24 @@ impl Levels {
         Levels { width, fields, level }
     }
 
-    /// Writes the values of these fields into a state (rows of all components, cells and then boundary) without their levels, which are
-    /// returned by name. The shapes were checked on all ranks; a field that is not handed in has none. Collective.
-    pub fn take_off(&self, fields: &[Field], state: &mut [f32], comm: &Comm) -> Vec<(&str, f64)> {
-        let mut levels = Vec::new();
-        for (name, column) in &self.fields {
-            let found = fields.iter().find(|f| f.name == name);
+    /// Writes the values of these fields into a state (rows of all components, cells and then boundary) without their levels. The shapes
+    /// were checked on all ranks. Collective.
+    pub fn take_off(&mut self, fields: &[Field], state: &mut [f32], comm: &Comm) {
+        for of in &mut self.fields {
+            of.level = 0.0;
+            let found = fields.iter().find(|f| f.name == of.name);
             if let (Some(field), Some(level)) = (found, &self.level) {
-                let level = level.of(field.cells, field.boundary, comm);
+                of.level = level.of(field.cells, field.boundary, comm);
                 let values = field.cells.iter().chain(field.boundary);
                 for (row, value) in state.chunks_exact_mut(self.width).zip(values) {
-                    row[*column] = (value - level) as f32;
+                    row[of.column] = (value - of.level) as f32;
                 }
-                levels.push((name.as_str(), level));
             }
         }
-        levels
+    }
+
+    /// The level that was taken off a field; 0 where none was.
+    pub fn of(&self, field: &str) -> f64 {
+        self.fields.iter().find(|of| of.name == field).map_or(0.0, |of| of.level)
     }
 }
