@@ -10,8 +10,8 @@ use m4gn_mesh::vector::{Vector, cross, dot, norm, sub};
 const LIMIT: f64 = 1.5;
 /// Cosine of the normals of faces that look at each other, at most.
 const FACING: f64 = -0.2;
-/// Cosine to a face's normal from which on a place is behind the face and not beside it.
-const BEHIND: f64 = 0.95;
+/// Cosine to a face's normal below which a place is not straight behind the face: the nearest place of the face lies on an edge.
+const STRAIGHT: f64 = 1.0 - 1e-6;
 
 /// The skin of a body, triangulated: quadrilaterals are four triangles around their middle.
 pub(super) struct Skin {
@@ -107,8 +107,9 @@ impl BetweenParts {
             let others = surfaces.iter().filter(|(of, surface)| *of != part && surface.beyond_box(x) < limit);
             let distances = others.filter_map(|(_, surface)| {
                 let foot = surface.foot_against(x, limit, against)?;
-                // Beside the edge of the face that it seems to be behind: in front of another one
-                let beside = foot.distance < 0.0 && dot(foot.normal, surface.normal(foot.triangle)) < BEHIND;
+                // Nearest to an edge whose other face is left out, the normal of both does not tell the side: it may be in front of that one
+                let straight = dot(foot.normal, surface.normal(foot.triangle)) >= STRAIGHT;
+                let beside = foot.distance < 0.0 && !straight && surface.distance(x) >= 0.0;
                 (!beside).then_some(foot.distance)
             });
             if let Some(distance) = distances.min_by(f64::total_cmp)
@@ -158,7 +159,7 @@ mod tests {
         let n = body.positions.len() / 2;
         let mut sunk = body.positions.clone();
         for x in &mut sunk[n..] {
-            (0..3).for_each(|i| x[i] += [0.23, 0.18, -0.6][i]);
+            (0..3).for_each(|i| x[i] += [0.13, 0.08, -0.6][i]);
         }
         for (positions, expected) in [(&body.positions, 0.2), (&sunk, -0.4)] {
             let gap = between.gap(positions).unwrap().cells;
