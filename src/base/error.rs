@@ -85,3 +85,21 @@ impl Error {
         }
     }
 }
+
+/// An error of this kind where `wrong`: `refuse(n == 0, Error::Input, || "no cells")?`.
+pub fn refuse<E, M: Into<String>>(
+    wrong: bool,
+    kind: impl FnOnce(String) -> E,
+    message: impl FnOnce() -> M,
+) -> std::result::Result<(), E> {
+    if wrong { Err(kind(message().into())) } else { Ok(()) }
+}
+
+/// An error of this kind about what was `found`, if anything was.
+pub fn refuse_any<T, E, M: Into<String>>(
+    found: Option<T>,
+    kind: impl FnOnce(String) -> E,
+    message: impl FnOnce(T) -> M,
+) -> std::result::Result<(), E> {
+    found.map_or(Ok(()), |found| Err(kind(message(found).into())))
+}

@@ -9,4 +9,4 @@ pub mod files;
 pub mod plugin;
 pub mod settings;
 
-pub use error::{Error, Result};
+pub use error::{Error, Result, refuse, refuse_any};

@@ -1,6 +1,6 @@
 //! Fields as a host has them.
 
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 
 /// A field at one time on this rank. Vectors are three values (x, y, z) a row whatever the solved directions.
 #[derive(Clone, Copy, Debug)]
@@ -56,11 +56,8 @@ pub fn expect_shape(
             "field '{name}': the model has {kind} ({expected} components), found {components} components"
         )));
     }
-    if len != n * components {
-        return Err(Error::Input(format!(
-            "field '{name}': expected {} {what} values ({n} x {components}), found {len}",
-            n * components
-        )));
-    }
+    refuse(len != n * components, Error::Input, || {
+        format!("field '{name}': expected {} {what} values ({n} x {components}), found {len}", n * components)
+    })?;
     Ok(())
 }

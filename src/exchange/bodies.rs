@@ -5,7 +5,7 @@
 
 use super::array::{Array, Arrays};
 use super::points::{interval, named};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse, refuse_any};
 use m4gn_data::{FieldMeta, Frame, Split, Trajectory, WriteOptions, Writer};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::body::{Body, Material, Obstacle};
@@ -69,25 +69,18 @@ impl Bodies {
         let cells = cells.labels(name, 4, n, path)?;
         let (name, kinds) = named(arrays, &["node_type"], path)?;
         let kinds = kinds.labels(name, 1, 10, path)?;
-        if kinds.len() != n {
-            return Err(wrong(format!("{name} has {} points, expected {n}", kinds.len())));
-        }
-        if let Some(p) = kinds.iter().position(|k| ![NORMAL, OBSTACLE, HANDLE].contains(k)) {
-            return Err(wrong(format!(
-                "{name} of point {p} is {}, expected 0 (normal), 1 (obstacle), 3 (handle)",
-                kinds[p]
-            )));
-        }
+        refuse(kinds.len() != n, wrong, || format!("{name} has {} points, expected {n}", kinds.len()))?;
+        refuse_any(kinds.iter().position(|k| ![NORMAL, OBSTACLE, HANDLE].contains(k)), wrong, |p| {
+            format!("{name} of point {p} is {}, expected 0 (normal), 1 (obstacle), 3 (handle)", kinds[p])
+        })?;
         let [elements, solid] = cut(cells.as_chunks::<4>().0, &kinds, &rest).map_err(wrong)?;
         let surface = match arrays.get("obstacle_triangles") {
             Some(triangles) => triangles.labels("obstacle_triangles", 3, n, path)?,
             None => Elements::of_kind(ElementKind::Tetrahedron, solid).skin().concat(),
         };
-        if let Some(p) = surface.iter().find(|p| kinds[**p as usize] != OBSTACLE) {
-            return Err(wrong(format!(
-                "obstacle_triangles: point {p} is none of the obstacle's (node_type 1)"
-            )));
-        }
+        refuse_any(surface.iter().find(|p| kinds[**p as usize] != OBSTACLE), wrong, |p| {
+            format!("obstacle_triangles: point {p} is none of the obstacle's (node_type 1)")
+        })?;
         let of_body: Vec<usize> = (0..n).filter(|&p| kinds[p] != OBSTACLE).collect();
         if of_body.len() < n && surface.is_empty() {
             return Err(wrong(

@@ -5,7 +5,7 @@
 //! `normal` is a boundary face as well, at its own place, with the outward area of half of its boundary edges.
 
 use super::array::{Array, Arrays};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse, refuse_any};
 use m4gn_data::{FieldMeta, Frame, Split, Trajectory, WriteOptions, Writer};
 use m4gn_mesh::vector::{Vector, dot, norm, sub};
 use m4gn_mesh::{BoundaryFace, Mesh, NodeType};
@@ -63,9 +63,7 @@ impl Points {
         let triangles = cells.labels(name, 3, n, path)?.as_chunks().0.to_vec();
         let (name, kinds) = named(arrays, &["node_type"], path)?;
         let kinds = kinds.labels(name, 1, 10, path)?;
-        if kinds.len() != n {
-            return Err(wrong(format!("{name} has {} points, expected {n}", kinds.len())));
-        }
+        refuse(kinds.len() != n, wrong, || format!("{name} has {} points, expected {n}", kinds.len()))?;
         let (mesh, boundary) = mesh(&positions, &triangles, &kinds).map_err(|e| wrong(e.to_string()))?;
         let dt = interval(arrays, dt, path)?;
         let mut points = Points { mesh, triangles, fields: Vec::new(), dt, boundary };
@@ -78,9 +76,7 @@ impl Points {
                 continue;
             }
             let c = values.shape.get(2).copied().unwrap_or(1);
-            if c == 0 || c > 2 {
-                return Err(wrong(format!("{name} has {c} components, expected 1 or 2")));
-            }
+            refuse(c == 0 || c > 2, wrong, || format!("{name} has {c} components, expected 1 or 2"))?;
             if let Some(i) = values.data.iter().position(|v| !(*v as f32).is_finite()) {
                 return Err(wrong(format!("{name}: frame {} holds {}", i / (n * c), values.data[i])));
             }
@@ -92,12 +88,9 @@ impl Points {
             points.fields.push((FieldMeta { name: own.into(), vector: c == 2, dimensions }, array.clone()));
         }
         let frames = points.frames();
-        if let Some((meta, other)) = points.fields.iter().find(|f| f.1.shape[0] != frames) {
-            return Err(wrong(format!(
-                "{} has {} frames, another field {frames}",
-                meta.name, other.shape[0]
-            )));
-        }
+        refuse_any(points.fields.iter().find(|f| f.1.shape[0] != frames), wrong, |(meta, other)| {
+            format!("{} has {} frames, another field {frames}", meta.name, other.shape[0])
+        })?;
         match points.fields.is_empty() {
             true => {
                 Err(wrong(format!("no array has a row for each of the {n} points in two or more frames")))
@@ -173,11 +166,9 @@ fn mesh(positions: &[Vector], triangles: &[[i32; 3]], kinds: &[i32]) -> Result<(
         let [a, b, c] = triangle.map(|p| positions[p as usize]);
         let (u, v) = (sub(b, a), sub(c, a));
         let area = 0.5 * (u[0] * v[1] - u[1] * v[0]).abs();
-        if !(area > 0.0 && area.is_finite()) {
-            return Err(Error::Mesh(format!(
-                "triangle {i} of the points {triangle:?} has the area {area} m^2"
-            )));
-        }
+        refuse(!(area > 0.0 && area.is_finite()), Error::Mesh, || {
+            format!("triangle {i} of the points {triangle:?} has the area {area} m^2")
+        })?;
         for k in 0..3 {
             let [p, q, across] = [0, 1, 2].map(|j| triangle[(k + j) % 3]);
             volumes[p as usize] += area / 3.0;

@@ -6,7 +6,7 @@ use super::npz::MOST_OF_A_BYTE;
 use super::{Array, Arrays};
 use base64::{Engine, engine::general_purpose::STANDARD};
 use flate2::bufread::ZlibDecoder;
-use m4gn_base::{Error, Result, files};
+use m4gn_base::{Error, Result, files, refuse};
 use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
 use std::borrow::Cow;
@@ -57,14 +57,9 @@ pub fn read(path: &Path) -> Result<Arrays> {
                 }
                 continue;
             };
-            if found.shape != array.shape {
-                return Err(wrong(format!(
-                    "{name} has shape {:?}, in {} {:?}",
-                    found.shape,
-                    of_first.display(),
-                    array.shape
-                )));
-            }
+            refuse(found.shape != array.shape, wrong, || {
+                format!("{name} has shape {:?}, in {} {:?}", found.shape, of_first.display(), array.shape)
+            })?;
             if let Some(values) = arrays.get_mut(field).filter(|a| a.shape[0] > frame) {
                 values.data.extend(&found.data);
             }
@@ -332,9 +327,7 @@ fn arrays(bytes: &[u8]) -> std::result::Result<Arrays, Wrong> {
         if !stored.name.starts_with("Cells/") && rows != points {
             return Err(wrong(format!("{rows} rows, expected {points}: NumberOfPoints")));
         }
-        if stored.name == "Points" && c != 3 {
-            return Err(wrong(format!("{c} components, expected 3")));
-        }
+        refuse(stored.name == "Points" && c != 3, wrong, || format!("{c} components, expected 3"))?;
         found.insert(stored.name.clone(), Array { shape: vec![rows, c], data: values });
     }
     Ok(found)

@@ -4,7 +4,7 @@ use crate::elements::{ElementKind, Elements};
 use crate::surface::Surface;
 use crate::vector::{Vector, cross, moved, norm, sub};
 use crate::{Mesh, NodeType};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse_any};
 use m4gn_parallel::{Comm, everywhere};
 
 /// Isotropic material of an element.
@@ -62,12 +62,9 @@ impl Body {
     /// [`Error::Mesh`] naming the element, the point or the part.
     pub fn check(&self) -> Result<()> {
         let held = |t: &NodeType| matches!(t, NodeType::Body | NodeType::Handle);
-        if let Some(p) = self.types.iter().position(|t| !held(t)) {
-            return Err(Error::Mesh(format!(
-                "point {p} of the body is {}: expected body or handle",
-                self.types[p].name()
-            )));
-        }
+        refuse_any(self.types.iter().position(|t| !held(t)), Error::Mesh, |p| {
+            format!("point {p} of the body is {}: expected body or handle", self.types[p].name())
+        })?;
         for (e, m) in self.material.iter().enumerate() {
             let Material { young, poisson, density } = m;
             let positive = |v: f64| v.is_finite() && v > 0.0;
@@ -304,13 +301,9 @@ impl BodyShare {
         expect("materials of the elements", self.material.len(), self.kind.len())?;
         let corners = self.kind.iter().map(|k| k.n_points()).sum();
         expect("points of the elements", self.points.len(), corners)?;
-        match self.points.iter().find(|p| !(0..all as i64).contains(p)) {
-            Some(p) => Err(Error::Mesh(format!(
-                "an element has the point {p}: expected 0 to {} over all ranks",
-                all as i64 - 1
-            ))),
-            None => Ok(()),
-        }
+        refuse_any(self.points.iter().find(|p| !(0..all as i64).contains(p)), Error::Mesh, |p| {
+            format!("an element has the point {p}: expected 0 to {} over all ranks", all as i64 - 1)
+        })
     }
 }
 

@@ -1,7 +1,7 @@
 //! Is a mesh whole? Everything that later code relies on is checked here once, with the place named.
 
 use crate::{ElasticModes, Mesh, NodeType};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse, refuse_any};
 use m4gn_parallel::Comm;
 
 /// Sizes of a mesh over all ranks.
@@ -21,9 +21,7 @@ impl Mesh {
         let cells = permutation(comm, "cell_global", &self.cell_global)?;
         let boundary: Vec<i64> = self.boundary.iter().map(|b| b.global).collect();
         let boundary = permutation(comm, "boundary_global", &boundary)?;
-        if cells == 0 {
-            return Err(Error::Mesh("the mesh has no cells on any rank".into()));
-        }
+        refuse(cells == 0, Error::Mesh, || "the mesh has no cells on any rank")?;
         let mut differing = [self.dim() as i64, -(self.dim() as i64)];
         comm.max_i64(&mut differing);
         let same = if differing[0] == -differing[1] {
@@ -41,13 +39,11 @@ impl Mesh {
             std::iter::once(if self.elastic.is_some() { 1.0 } else { 0.0 }).chain(values).collect();
         let mut of_root = own.clone();
         comm.broadcast(&mut of_root);
-        comm.agree(match of_root == own {
-            true => Ok(()),
-            false => Err(Error::Mesh(
-                "the eigenvalues of the elastic modes differ between ranks: expected the same modes on all"
-                    .into(),
-            )),
-        })?;
+        comm.agree(refuse(
+            of_root != own,
+            Error::Mesh,
+            || "the eigenvalues of the elastic modes differ between ranks: expected the same modes on all",
+        ))?;
         Ok(GlobalSizes { cells, boundary })
     }
 
@@ -101,37 +97,26 @@ impl Mesh {
             let (owner, neighbour) = (self.face_owner[f], self.face_neighbour[f]);
             label("face_owner", f, owner, n)?;
             label("face_neighbour", f, neighbour, n)?;
-            if owner == neighbour {
-                return Err(Error::Mesh(format!("face {f} has cell {owner} on both sides")));
-            }
+            refuse(owner == neighbour, Error::Mesh, || format!("face {f} has cell {owner} on both sides"))?;
             positive("face_coeff", f, self.face_coeff[f])?;
         }
         for (i, b) in self.boundary.iter().enumerate() {
             label("boundary_owner", i, b.owner, n)?;
             finite("boundary_centres", i, &b.centre)?;
             finite("boundary_area", i, &b.area)?;
-            if !(b.coeff.is_finite() && b.coeff >= 0.0) {
-                return Err(Error::Mesh(format!(
-                    "boundary_coeff[{i}] is {}: expected a finite number, not negative",
-                    b.coeff
-                )));
-            }
-            if b.kind == NodeType::Fluid {
-                return Err(Error::Mesh(format!(
-                    "boundary_type[{i}] is fluid: expected wall, inlet, outlet, symmetry or obstacle"
-                )));
-            }
+            refuse(!(b.coeff.is_finite() && b.coeff >= 0.0), Error::Mesh, || {
+                format!("boundary_coeff[{i}] is {}: expected a finite number, not negative", b.coeff)
+            })?;
+            refuse(b.kind == NodeType::Fluid, Error::Mesh, || {
+                format!("boundary_type[{i}] is fluid: expected wall, inlet, outlet, symmetry or obstacle")
+            })?;
             label("boundary_patch", i, b.patch, self.patches.len())?;
         }
         for (i, c) in self.coupled.iter().enumerate() {
             label("coupled_owner", i, c.owner, n)?;
-            if c.rank < 0 || c.rank >= size {
-                return Err(Error::Mesh(format!(
-                    "coupled_rank[{i}] is {}: expected 0 to {}",
-                    c.rank,
-                    size - 1
-                )));
-            }
+            refuse(c.rank < 0 || c.rank >= size, Error::Mesh, || {
+                format!("coupled_rank[{i}] is {}: expected 0 to {}", c.rank, size - 1)
+            })?;
             finite("coupled_delta", i, &c.delta)?;
             positive("coupled_coeff", i, c.coeff)?;
         }
@@ -155,9 +140,7 @@ impl ElasticModes {
         for (i, vector) in self.vectors.iter().enumerate() {
             length("mode_cells", vector.len(), "cells", n_cells)?;
             let finite = self.eigenvalues[i].is_finite() && vector.iter().flatten().all(|v| v.is_finite());
-            if !finite {
-                return Err(Error::Mesh(format!("elastic mode {i} holds a number that is not finite")));
-            }
+            refuse(!finite, Error::Mesh, || format!("elastic mode {i} holds a number that is not finite"))?;
         }
         Ok(())
     }
@@ -202,13 +185,9 @@ fn permutation(comm: &Comm, name: &str, numbers: &[i64]) -> Result<i64> {
     comm.sum_i64(&mut total);
     let total = total[0];
     let outside = numbers.iter().find(|&&g| g < 0 || g >= total);
-    let result = match outside {
-        Some(g) => Err(Error::Mesh(format!(
-            "{name} holds {g}: expected a permutation of 0 to {} over all ranks",
-            total - 1
-        ))),
-        None => Ok(()),
-    };
+    let result = refuse_any(outside, Error::Mesh, |g| {
+        format!("{name} holds {g}: expected a permutation of 0 to {} over all ranks", total - 1)
+    });
     comm.agree(result)?;
     let size = comm.size() as i64;
     let block = (total + size - 1) / size;

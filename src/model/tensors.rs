@@ -1,7 +1,7 @@
 //! The weights: names, shapes, and their check against the description.
 
 use super::{Activation, Architecture, Kind, M4gn, ModelSpec};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use rand::{RngExt, SeedableRng};
 use std::collections::BTreeMap;
 
@@ -87,13 +87,9 @@ impl Model {
         let found = tensors.iter().map(|(name, t)| (&name[..], &t.shape[..]));
         Self::check_shapes(spec, found.collect())?;
         for (name, tensor) in tensors {
-            if tensor.data.len() != tensor.shape.iter().product::<usize>() {
-                return Err(Error::Model(format!(
-                    "tensor '{name}': {} values for the shape {:?}",
-                    tensor.data.len(),
-                    tensor.shape
-                )));
-            }
+            refuse(tensor.data.len() != tensor.shape.iter().product::<usize>(), Error::Model, || {
+                format!("tensor '{name}': {} values for the shape {:?}", tensor.data.len(), tensor.shape)
+            })?;
             if let Some(i) = tensor.data.iter().position(|v| !v.is_finite()) {
                 return Err(Error::Model(format!("tensor '{name}': value {i} is {}", tensor.data[i])));
             }

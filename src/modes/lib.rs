@@ -26,7 +26,7 @@ pub use problem::{Mass, Problem, Rows};
 
 use eigen::ProblemRef;
 use frame::Frame;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_mesh::body::Body;
 use m4gn_mesh::{ElasticModes, Mesh};
 use m4gn_model::modal::{ModalOptions, ModalSource, Modes};
@@ -229,14 +229,9 @@ impl<'a> Solution<'a> {
             canonical::choose_basis(&self.frame, self.problem.block, scale, comm, &mut pairs[cluster]);
         }
         let finite = |p: &Pair| p.value.is_finite() && p.vector.iter().all(|x| x.is_finite());
-        comm.agree(match pairs.iter().all(finite) {
-            true => Ok(()),
-            false => Err(Error::Numerical(
-                "a mode is not finite: the entries of K and M leave the range of double on the way; give them in other \
-                 units"
-                    .into(),
-            )),
-        })?;
+        comm.agree(refuse(!pairs.iter().all(finite), Error::Numerical, || {
+            "a mode is not finite: the entries of K and M leave the range of double on the way; give them in other units"
+        }))?;
         let (eigenvalues, vectors) = pairs.into_iter().map(|p| (p.value, p.vector)).unzip();
         Ok(Modes { eigenvalues, vectors })
     }

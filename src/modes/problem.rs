@@ -1,7 +1,7 @@
 //! A pair of matrices as distributed rows.
 
 use super::pair::Pair;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_parallel::{Comm, same_on_all_ranks};
 
 /// Sizes of entries and eigenvalues that the solvers' products of two still hold.
@@ -78,32 +78,22 @@ impl Problem {
         let n = self.stiffness.n();
         let mut total = [n as i64, self.positions.len() as i64];
         comm.sum_i64(&mut total);
-        if total[0] > i64::from(i32::MAX) {
-            return Err(Error::Input(format!(
-                "{} unknowns: PETSc's integers count to {}",
-                total[0],
-                i32::MAX
-            )));
-        }
+        refuse(total[0] > i64::from(i32::MAX), Error::Input, || {
+            format!("{} unknowns: PETSc's integers count to {}", total[0], i32::MAX)
+        })?;
         self.stiffness.check("K", n, total[0])?;
         match &self.mass {
             Mass::Matrix(rows) => rows.check("M", n, total[0])?,
             Mass::Diagonal(values) => {
-                if values.len() != n {
-                    return Err(Error::Input(format!(
-                        "M has {} diagonal entries, K {n} rows: expected as many",
-                        values.len()
-                    )));
-                }
+                refuse(values.len() != n, Error::Input, || {
+                    format!("M has {} diagonal entries, K {n} rows: expected as many", values.len())
+                })?;
                 finite("M", values)?;
             }
         }
-        if self.block == 0 || !n.is_multiple_of(self.block) {
-            return Err(Error::Input(format!(
-                "{n} rows with {} unknowns a point: expected whole points on every rank",
-                self.block
-            )));
-        }
+        refuse(self.block == 0 || !n.is_multiple_of(self.block), Error::Input, || {
+            format!("{n} rows with {} unknowns a point: expected whole points on every rank", self.block)
+        })?;
         if total[1] > 0 && self.positions.len() * self.block != n {
             return Err(Error::Input(format!(
                 "{} positions for {n} rows of {} unknowns a point: expected one a point, or none on all ranks",
@@ -246,12 +236,9 @@ impl Problem {
 impl Rows {
     fn check(&self, name: &str, n: usize, total: i64) -> Result<()> {
         let (rows, columns, values) = (&self.row, &self.column, &self.value);
-        if rows.len() != n + 1 || n + 1 == 0 {
-            return Err(Error::Input(format!(
-                "{name}: {} row offsets for {n} rows: expected one more than rows",
-                rows.len()
-            )));
-        }
+        refuse(rows.len() != n + 1 || n + 1 == 0, Error::Input, || {
+            format!("{name}: {} row offsets for {n} rows: expected one more than rows", rows.len())
+        })?;
         if rows[0] != 0 || rows[n] != columns.len() || columns.len() != values.len() {
             return Err(Error::Input(format!(
                 "{name}: row offsets from {} to {}, {} columns, {} values: expected offsets from 0 to the number of \

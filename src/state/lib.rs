@@ -3,7 +3,7 @@
 //! A host describes its arrays once ([`Layout`]), and hands their values over as a list in that order. A network reads and writes the
 //! arrays that it knows by name; a fit takes all of them.
 
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 
 /// Where an array has its values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -217,13 +217,9 @@ impl Layout {
     /// # Errors
     /// [`Error::Input`] for another number of arrays, or of numbers in one; [`Error::Numerical`] where a measured one is not finite.
     pub fn check(&self, state: &[&[f64]]) -> Result<()> {
-        if state.len() != self.arrays.len() {
-            return Err(Error::Input(format!(
-                "a state of {} arrays: expected {}, as described",
-                state.len(),
-                self.arrays.len()
-            )));
-        }
+        refuse(state.len() != self.arrays.len(), Error::Input, || {
+            format!("a state of {} arrays: expected {}, as described", state.len(), self.arrays.len())
+        })?;
         if let Some((a, values)) = self.arrays.iter().zip(state).find(|(a, v)| a.numbers() != v.len()) {
             return Err(Error::Input(format!(
                 "array {}: expected {} numbers, found {}",

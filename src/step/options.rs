@@ -1,7 +1,7 @@
 //! What a session is made with: the settings of a case dictionary, of a host program and of `m4gn validate`.
 
 use m4gn_base::settings;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse, refuse_any};
 use m4gn_domain::Domain;
 use m4gn_engine::{EngineOptions, Isa, Precision, PrecisionChoice};
 use m4gn_model::{Resolution, SegmentEntries, SegmentSpec, Solid};
@@ -97,17 +97,11 @@ impl SessionOptions {
     /// # Errors
     /// As [`SessionOptions::parse`].
     pub fn check(&self) -> Result<()> {
-        if !(1..=MAX_THREADS).contains(&self.n_threads) {
-            return Err(Error::Input(format!(
-                "n_threads: expected 1 to {MAX_THREADS}, found {}",
-                self.n_threads
-            )));
-        }
+        refuse(!(1..=MAX_THREADS).contains(&self.n_threads), Error::Input, || {
+            format!("n_threads: expected 1 to {MAX_THREADS}, found {}", self.n_threads)
+        })?;
         self.segments.over(&SegmentSpec::default())?;
-        match self.solid.as_ref().and_then(Solid::fault) {
-            Some(fault) => Err(Error::Input(format!("solid.{fault}"))),
-            None => Ok(()),
-        }
+        refuse_any(self.solid.as_ref().and_then(Solid::fault), Error::Input, |fault| format!("solid.{fault}"))
     }
 
     /// What all ranks must be given alike, a line for each entry: not the threads of a rank or its device.

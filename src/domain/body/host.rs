@@ -6,7 +6,7 @@ use super::start::check_start;
 use crate::field::expect_shape;
 use crate::host::{Host, HostOptions, Hosted, Predict};
 use crate::{Domain, Field};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::body::Obstacle;
 use m4gn_mesh::vector::Vector;
@@ -136,12 +136,9 @@ impl BodyHost {
 
     fn check_obstacle(&self, values: &[Vector], when: &str) -> Result<()> {
         let n = self.obstacle.as_ref().map_or(0, |o| o.positions.len());
-        if values.len() != n {
-            return Err(Error::Input(format!(
-                "displacement of the obstacle {when}: expected {n} points, found {}",
-                values.len()
-            )));
-        }
+        refuse(values.len() != n, Error::Input, || {
+            format!("displacement of the obstacle {when}: expected {n} points, found {}", values.len())
+        })?;
         match values.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
             Some(i) => Err(Error::Numerical(format!(
                 "displacement of the obstacle {when}: {:?} at point {i}",

@@ -13,7 +13,7 @@
 //! Sizes enter without their sign and at least 1e-9 of the true cell's, so that a cell that was turned inside out or
 //! crushed gives a large figure and not an infinite one; [`Quality::inverted`] counts the cells turned inside out.
 
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_mesh::elements::Elements;
 use m4gn_mesh::nearest::Nearest;
 use m4gn_mesh::vector::{Vector, norm, sub};
@@ -68,13 +68,9 @@ impl<'a> Comparison<'a> {
     /// # Errors
     /// [`Error::Input`] for different numbers of points, [`Error::Numerical`] for positions that are not finite.
     pub fn quality(&self, truth: &[Vector], predicted: &[Vector]) -> Result<Quality> {
-        if truth.len() != predicted.len() {
-            return Err(Error::Input(format!(
-                "{} predicted points, expected {}",
-                predicted.len(),
-                truth.len()
-            )));
-        }
+        refuse(truth.len() != predicted.len(), Error::Input, || {
+            format!("{} predicted points, expected {}", predicted.len(), truth.len())
+        })?;
         for (name, points) in [("true", truth), ("predicted", predicted)] {
             if let Some(i) = points.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
                 return Err(Error::Numerical(format!("the {name} position of point {i} is not finite")));

@@ -1,6 +1,6 @@
 //! A step of a network that lives on groups of cells: fields go there as averages, their change comes back.
 
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_mesh::Mesh;
 use m4gn_model::{ModelSpec, Output};
 use m4gn_parallel::Comm;
@@ -46,15 +46,9 @@ impl OnGroups {
     /// # Errors
     /// [`Error::Input`] for another number of labels than cells.
     pub fn labels(&self, mesh: &Mesh, cells: &[i32], comm: &Comm) -> Result<Vec<i32>> {
-        let checked = match cells.len() == mesh.n_cells() {
-            true => Ok(()),
-            false => Err(Error::Input(format!(
-                "{} segment labels for {} cells of rank {}",
-                cells.len(),
-                mesh.n_cells(),
-                comm.rank()
-            ))),
-        };
+        let checked = refuse(cells.len() != mesh.n_cells(), Error::Input, || {
+            format!("{} segment labels for {} cells of rank {}", cells.len(), mesh.n_cells(), comm.rank())
+        });
         comm.agree(checked)?;
         Ok(self.coarse.labels_of_groups(mesh, cells, comm))
     }

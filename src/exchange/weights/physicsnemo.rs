@@ -6,7 +6,7 @@
 //! edges, node]` where it is `[node, sum]` here. Edges point as here: sender minus receiver.
 
 use super::{StateDict, layers};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_model::{Kind, Model, ModelSpec, Tensor};
 
 /// Name here, name there, and how the columns are ordered.
@@ -56,13 +56,10 @@ fn rows(spec: &ModelSpec) -> Result<Vec<Row>> {
 /// Takes width, layers and hidden layers from their tensors.
 pub(super) fn measure(tensors: &StateDict, spec: &mut ModelSpec) -> Result<()> {
     let wrong = |what: &str| Error::Model(format!("{what}, expected those of PhysicsNeMo's MeshGraphNet"));
-    if tensors.keys().any(|name| name.contains(".lin_")) {
-        return Err(Error::Model(
-            "the weights are of a MeshGraphNet with do_concat_trick: join lin_efeat, lin_src and lin_dst of each edge_mlp, in this order, \
+    refuse(tensors.keys().any(|name| name.contains(".lin_")), Error::Model, || {
+        "the weights are of a MeshGraphNet with do_concat_trick: join lin_efeat, lin_src and lin_dst of each edge_mlp, in this order, \
              as model.0.weight"
-                .into(),
-        ));
-    }
+    })?;
     let numbers = |prefix: &str, end: &str| {
         let inner = tensors.keys().filter_map(|name| name.strip_prefix(prefix)?.strip_suffix(end));
         inner.filter_map(|n| n.split('.').next()?.parse::<usize>().ok()).max()

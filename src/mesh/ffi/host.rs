@@ -5,7 +5,7 @@
 use super::host_body as body;
 pub use super::host_solid::{SolidArrays, SolidData};
 use crate::{BoundaryFace, CoupledFace, ElasticModes, Mesh, NodeType};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use std::ffi::{CStr, c_char};
 
 /// `m4gn_mesh_data`
@@ -143,9 +143,7 @@ pub unsafe fn text<'a>(what: &str, pointer: *const c_char) -> Result<&'a str> {
 
 /// Solved directions: 2 or 3 of 0, 1, 2.
 pub fn directions(n: i32, which: [i32; 3]) -> Result<Vec<usize>> {
-    if !matches!(n, 2 | 3) {
-        return Err(Error::Input(format!("n_directions: expected 2 or 3, found {n}")));
-    }
+    refuse(!matches!(n, 2 | 3), Error::Input, || format!("n_directions: expected 2 or 3, found {n}"))?;
     let direction = |&d: &i32| match d {
         0..=2 => Ok(d as usize),
         _ => Err(Error::Input(format!("directions: expected 0 (x), 1 (y) or 2 (z), found {d}"))),

@@ -4,7 +4,7 @@ use super::host::{MeshData, count, slice, vectors};
 use crate::body::{BodyShare, Material, Obstacle};
 use crate::elements::ElementKind;
 use crate::{Mesh, NodeType};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse, refuse_any};
 
 /// The body's points as cells. What they are together is checked when the session is made.
 ///
@@ -23,11 +23,9 @@ pub(super) unsafe fn mesh(data: &MeshData, directions: Vec<usize>, n: usize) -> 
             )));
         }
     }
-    if directions != [0, 1, 2] {
-        return Err(Error::Input(format!(
-            "directions {directions:?}: expected 0, 1, 2 for a body at points"
-        )));
-    }
+    refuse(directions != [0, 1, 2], Error::Input, || {
+        format!("directions {directions:?}: expected 0, 1, 2 for a body at points")
+    })?;
     // SAFETY: the lengths are those that the header gives for each array; the host keeps them valid for the call.
     unsafe {
         let type_of = |(i, &code): (usize, &i32)| {
@@ -74,18 +72,11 @@ unsafe fn obstacle(data: &MeshData) -> Result<Option<Obstacle>> {
             slice("obstacle_triangles", data.obstacle_triangles, 3 * m)?,
         )
     };
-    if let Some(i) = positions.iter().position(|x| x.iter().any(|v| !v.is_finite())) {
-        return Err(Error::Mesh(format!(
-            "obstacle_positions[{i}] is {:?}: expected finite numbers",
-            positions[i]
-        )));
-    }
-    if let Some(i) = labels.iter().position(|&p| p < 0 || p as usize >= n) {
-        return Err(Error::Mesh(format!(
-            "obstacle_triangles[{i}] is {}: expected 0 to {}",
-            labels[i],
-            n as i64 - 1
-        )));
-    }
+    refuse_any(positions.iter().position(|x| x.iter().any(|v| !v.is_finite())), Error::Mesh, |i| {
+        format!("obstacle_positions[{i}] is {:?}: expected finite numbers", positions[i])
+    })?;
+    refuse_any(labels.iter().position(|&p| p < 0 || p as usize >= n), Error::Mesh, |i| {
+        format!("obstacle_triangles[{i}] is {}: expected 0 to {}", labels[i], n as i64 - 1)
+    })?;
     Ok(Some(Obstacle { positions: positions.to_vec(), triangles: labels.as_chunks().0.to_vec() }))
 }

@@ -1,7 +1,7 @@
 //! Modes of a body by its elements.
 
 use super::{Fixed, Options, PointMesh, modes};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::body::Body;
 use m4gn_model::modal::{ModalOptions, Modes};
@@ -23,13 +23,10 @@ pub fn body_modes(body: &Body, modal: &ModalOptions) -> Result<Modes> {
     let mesh = PointMesh::from_cells(body.positions.clone(), &cells);
     let held: Vec<Fixed> =
         (0..).zip(&body.types).filter(|(_, t)| **t == NodeType::Handle).map(|(p, _)| Fixed::all(p)).collect();
-    if held.is_empty() {
-        return Err(Error::Input(
-            "no point of the body is a handle: a body that is held nowhere has no static answer to an obstacle; mark \
+    refuse(held.is_empty(), Error::Input, || {
+        "no point of the body is a handle: a body that is held nowhere has no static answer to an obstacle; mark \
              the held points with type 7"
-                .into(),
-        ));
-    }
+    })?;
     let options = Options { modal: modal.clone(), ..Options::default() };
     let found = modes(&mesh, &body.material, &held, &options, &Comm::serial())?;
     let component = |i: usize| move |u: &[f64; 3]| u[i];

@@ -2,7 +2,7 @@
 
 use super::mesh::PointMesh;
 use super::numbering::Numbering;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse_any};
 use m4gn_parallel::Comm;
 
 /// Components (x, y, z) of one point's displacement that are held at 0.
@@ -35,14 +35,9 @@ pub(super) fn held(
 ) -> Result<Vec<[bool; 3]>> {
     let dim = mesh.dim();
     let bad = fixed.iter().find(|f| !usize::try_from(f.point).is_ok_and(|p| p < mesh.points.len()));
-    comm.agree(match bad {
-        Some(f) => Err(Error::Input(format!(
-            "fixed point {}: expected 0 to {}",
-            f.point,
-            mesh.points.len() as i64 - 1
-        ))),
-        None => Ok(()),
-    })?;
+    comm.agree(refuse_any(bad, Error::Input, |f| {
+        format!("fixed point {}: expected 0 to {}", f.point, mesh.points.len() as i64 - 1)
+    }))?;
     let (mut numbers, mut flags) = (Vec::new(), Vec::new());
     for f in fixed {
         let point = representative[f.point as usize];

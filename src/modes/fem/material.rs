@@ -1,6 +1,6 @@
 //! Isotropic linear elasticity, cell by cell.
 
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 pub use m4gn_mesh::body::Material;
 
 /// What a 2-D mesh is a section of.
@@ -54,11 +54,8 @@ fn check_one(material: &Material, cell: usize) -> Result<()> {
 
 /// One material a cell, each with values that make sense.
 pub(super) fn check(materials: &[Material], n_cells: usize) -> Result<()> {
-    if materials.len() != n_cells {
-        return Err(Error::Input(format!(
-            "{} materials for {n_cells} cells: expected one a cell",
-            materials.len()
-        )));
-    }
+    refuse(materials.len() != n_cells, Error::Input, || {
+        format!("{} materials for {n_cells} cells: expected one a cell", materials.len())
+    })?;
     materials.iter().enumerate().try_for_each(|(c, m)| check_one(m, c))
 }

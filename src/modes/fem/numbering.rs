@@ -1,7 +1,7 @@
 //! Points shared by ranks: each has one owner, and one number; numbers run rank after rank.
 
 use super::mesh::PointMesh;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse_any};
 use m4gn_parallel::Comm;
 
 /// Numbers of the points that carry unknowns.
@@ -141,13 +141,9 @@ impl Directory {
         let mut most = [mesh.point_global.iter().copied().max().unwrap_or(-1)];
         comm.max_i64(&mut most);
         let bad = mesh.point_global.iter().find(|&&g| g < 0 || g >= held[0]);
-        comm.agree(match bad {
-            Some(g) => Err(Error::Mesh(format!(
-                "point_global holds {g}: expected 0 to N - 1 for N points, at most {} here",
-                held[0]
-            ))),
-            None => Ok(()),
-        })?;
+        comm.agree(refuse_any(bad, Error::Mesh, |g| {
+            format!("point_global holds {g}: expected 0 to N - 1 for N points, at most {} here", held[0])
+        }))?;
         let total = most[0] + 1;
         let block = (total + size as i64 - 1) / size as i64;
         let first_kept = block * comm.rank() as i64;
