@@ -47,17 +47,13 @@ fn tfrecord() {
         std::fs::write(path.with_file_name("meta.json"), meta.to_string()).unwrap();
         let mut example = records::example_of(&arrays);
         // Behind a checksum that is right, or in the file.
-        match r.below(3) {
-            0 => {
-                let mut bytes = [records::record(&example), records::record(&example)].concat();
-                r.damage(&mut bytes);
-                bytes
-            }
-            _ => {
-                r.damage(&mut example);
-                records::record(&example)
-            }
+        if r.below(3) > 0 {
+            r.damage(&mut example);
+            return records::record(&example);
         }
+        let mut bytes = records::record(&example).repeat(2);
+        r.damage(&mut bytes);
+        bytes
     });
 }
 
@@ -92,13 +88,7 @@ fn npz() {
 fn meta_json() {
     target("meta.json", "a.tfrecord", |r, path| {
         let mut text = records::meta().to_string().into_bytes();
-        match r.below(2) {
-            0 => {
-                let at = r.below(text.len());
-                r.damage_number(&mut text, at);
-            }
-            _ => r.damage(&mut text),
-        }
+        r.damage_text(&mut text);
         std::fs::write(path.with_file_name("meta.json"), text).unwrap();
         records::record(&records::example())
     });

@@ -11,40 +11,7 @@ use m4gn_workbench::study::Plan;
 use std::path::Path;
 
 /// What an expression, a name or a number of the family may be in its place.
-const PIECES: [&str; 24] = [
-    "1e308",
-    "-1e308",
-    "inf",
-    "nan",
-    "0",
-    "-0.0",
-    "1e-320",
-    "9007199254740993",
-    "**",
-    "*",
-    "/",
-    "-",
-    "(",
-    ")",
-    " if ",
-    " else ",
-    " and ",
-    "not ",
-    "sqrt(",
-    "steps(",
-    "max(",
-    "'",
-    "\"",
-    "@u0@",
-];
-
-/// Puts a piece, or many of it, in a random place.
-fn insert(bytes: &mut Vec<u8>, r: &mut Random) {
-    let count = *r.pick(&[1, 1, 1, 2, 30, 5000]);
-    let piece = r.pick(&PIECES).repeat(count);
-    let at = r.below(bytes.len() + 1);
-    bytes.splice(at..at, piece.bytes());
-}
+const PIECES: &str = "1e308|-1e308|inf|nan|0|-0.0|1e-320|9007199254740993|**|*|/|-|(|)| if | else | and |not |sqrt(|steps(|max(|'|\"|@u0@";
 
 /// Damages a text in up to three ways.
 fn damage(bytes: &mut Vec<u8>, r: &mut Random) {
@@ -52,10 +19,16 @@ fn damage(bytes: &mut Vec<u8>, r: &mut Random) {
         match r.below(3) {
             0 => r.damage(bytes),
             1 => {
-                let at = r.below(bytes.len().max(1));
+                let at = r.below(bytes.len());
                 r.damage_number(bytes, at);
             }
-            _ => insert(bytes, r),
+            // A piece, or many of it, in a random place.
+            _ => {
+                let pieces: Vec<&str> = PIECES.split('|').collect();
+                let piece = r.pick(&pieces).repeat(*r.pick(&[1, 1, 1, 2, 30, 5000]));
+                let at = r.below(bytes.len() + 1);
+                bytes.splice(at..at, piece.bytes());
+            }
         }
     }
 }

@@ -47,13 +47,7 @@ fn damage_header(bytes: &mut Vec<u8>, r: &mut Random) {
     let header = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
     let tail = bytes.split_off(header);
     let mut text = bytes.split_off(8);
-    match r.below(2) {
-        0 => {
-            let at = r.below(text.len());
-            r.damage_number(&mut text, at);
-        }
-        _ => r.damage(&mut text),
-    }
+    r.damage_text(&mut text);
     *bytes = (text.len() as u64).to_le_bytes().to_vec();
     bytes.extend(text.into_iter().chain(tail));
 }

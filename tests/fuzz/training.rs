@@ -18,13 +18,7 @@ fn training_configuration() {
     let good: Vec<Vec<u8>> = paths.iter().map(|p| std::fs::read(p).unwrap()).collect();
     fuzz("config", |r| {
         let mut bytes = r.pick(&good).clone();
-        match r.below(2) {
-            0 => r.damage(&mut bytes),
-            _ => {
-                let at = r.below(bytes.len());
-                r.damage_number(&mut bytes, at);
-            }
-        }
+        r.damage_text(&mut bytes);
         if let Ok(config) = Config::parse(&String::from_utf8_lossy(&bytes)) {
             let t = &config.training;
             let _ = (config.architecture(), t.longest_unroll());

@@ -100,64 +100,25 @@ impl Random {
 
     /// Numbers at which programs break.
     pub fn integer(&mut self) -> i64 {
-        const ODD: [i64; 22] = [
-            0,
-            1,
-            -1,
-            2,
-            3,
-            7,
-            8,
-            63,
-            255,
-            256,
-            1 << 15,
-            1 << 16,
-            (1 << 24) + 1,
-            i32::MAX as i64,
-            i32::MIN as i64,
-            1 << 31,
-            1 << 32,
-            1 << 40,
-            100_000_000_000,
-            i64::MAX,
-            i64::MIN,
-            i64::MAX / 2,
-        ];
-        match self.below(4) {
+        let odd = [0, 1, -1, 2, 3, 7, 8, 63, 255, 256, 16777217, 2147483647, i64::MAX, i64::MIN];
+        match self.below(5) {
             0 => self.next() as i64,
             1 => self.next() as i64 % 40,
-            _ => *self.pick(&ODD),
+            2 => *self.pick(&[-1, 1, 1]) << self.below(63),
+            _ => *self.pick(&odd),
         }
     }
 
     /// The same for reals.
     pub fn real(&mut self) -> f64 {
-        const ODD: [f64; 20] = [
-            0.0,
-            -0.0,
-            1.0,
-            -1.0,
-            0.5,
-            f64::NAN,
-            f64::INFINITY,
-            f64::NEG_INFINITY,
-            f64::MAX,
-            f64::MIN,
-            1e300,
-            -1e300,
-            1e154,
-            1e38,
-            1e-38,
-            1e-300,
-            5e-324,
-            f64::EPSILON,
-            1e11,
-            -7.25,
+        let (inf, nan, most, step) = (f64::INFINITY, f64::NAN, f64::MAX, f64::EPSILON);
+        let odd = [
+            0.0, -0.0, 1.0, -1.0, 0.5, nan, inf, -inf, most, -most, 1e300, -1e300, 1e154, 1e38, 1e-38,
+            1e-300, 5e-324, step, 1e11, -7.25,
         ];
         match self.below(4) {
             0 => f64::from_bits(self.next()),
-            _ => *self.pick(&ODD),
+            _ => *self.pick(&odd),
         }
     }
 
@@ -187,18 +148,9 @@ impl Random {
                     let to = self.below(n);
                     bytes.splice(to..to, copy);
                 }
-                5 => {
-                    let value = self.integer().to_le_bytes();
-                    put(bytes, at & !3, &value[..4]);
-                }
-                6 => {
-                    let value = self.integer().to_le_bytes();
-                    put(bytes, at & !7, &value);
-                }
-                7 => {
-                    let value = self.real().to_le_bytes();
-                    put(bytes, at & !7, &value);
-                }
+                5 => put(bytes, at & !3, &self.integer().to_le_bytes()[..4]),
+                6 => put(bytes, at & !7, &self.integer().to_le_bytes()),
+                7 => put(bytes, at & !7, &self.real().to_le_bytes()),
                 8 => self.damage_number(bytes, at),
                 _ => {
                     let end = (at + 1 + self.below(16)).min(n);
@@ -207,6 +159,15 @@ impl Random {
                     }
                 }
             }
+        }
+    }
+
+    /// Damages a text: a number of it, or bytes.
+    pub fn damage_text(&mut self, bytes: &mut Vec<u8>) {
+        let at = self.below(bytes.len());
+        match self.below(2) {
+            0 => self.damage_number(bytes, at),
+            _ => self.damage(bytes),
         }
     }
 
@@ -243,7 +204,7 @@ pub fn fuzz(target: &str, mut case: impl FnMut(&mut Random) -> usize) {
     let (seconds, first) = (number("M4GN_FUZZ_SECONDS", 3), number("M4GN_FUZZ_SEED", 1));
     let path = std::env::temp_dir().join(format!("m4gn-fuzz-{target}"));
     let mut note = std::fs::File::create(&path).unwrap();
-    watch(target);
+    watch();
     let began = Instant::now();
     let (mut seed, mut slowest, mut most) = (first, Duration::ZERO, 0);
     loop {
@@ -285,7 +246,7 @@ pub fn fuzz(target: &str, mut case: impl FnMut(&mut Random) -> usize) {
 static UNDER_WAY: Mutex<Vec<(String, u64, Instant)>> = Mutex::new(Vec::new());
 
 /// Ends the process when a case takes too long: it cannot be stopped otherwise.
-fn watch(_target: &str) {
+fn watch() {
     static ONCE: std::sync::Once = std::sync::Once::new();
     ONCE.call_once(|| {
         std::thread::spawn(|| {
