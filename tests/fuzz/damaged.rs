@@ -77,7 +77,7 @@ pub fn shorter(n: &mut i32, r: &mut Random) {
 }
 
 /// A mesh of cells, or now and then of a body at points.
-pub fn host(r: &mut Random) -> Box<Host> {
+pub fn host(r: &mut Random) -> Host {
     if r.below(12) == 0 {
         return body_host(r);
     }
@@ -145,7 +145,7 @@ fn body_mesh(r: &mut Random) -> Mesh {
     m
 }
 
-pub fn body_host(r: &mut Random) -> Box<Host> {
+pub fn body_host(r: &mut Random) -> Host {
     let mut h = Host::new(body_mesh(r));
     if r.below(6) == 0 {
         let d = &mut h.data;

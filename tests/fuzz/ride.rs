@@ -64,17 +64,7 @@ impl<'a> Run<'a> {
     }
 
     fn now(&self) -> RideStep {
-        RideStep {
-            time: DT * self.index as f64,
-            delta_t: DT,
-            end_time: f64::INFINITY,
-            shown: 0.0,
-
-            index: self.index,
-            name: null(),
-            correctors: -1,
-            most_correctors: -1,
-        }
+        ride_step(self.index, DT)
     }
 
     /// Goes on with a state that is all of one value, or part of one.
@@ -141,6 +131,13 @@ impl<'a> Run<'a> {
     }
 }
 
+impl Drop for Run<'_> {
+    fn drop(&mut self) {
+        // SAFETY: null, or freed once.
+        unsafe { m4gn_ride_free(self.ride) };
+    }
+}
+
 /// The state of a host.
 struct State {
     flow: Flow,
@@ -152,13 +149,6 @@ impl State {
         let [u, p, a, b] = self.flow.state();
         [u, p, a, b, &raw const self.inlet]
     }
-}
-
-/// A flow, and a value that is known beforehand.
-fn arrays(host: &Host) -> Vec<ArrayData> {
-    let mut arrays = flow_arrays(host).to_vec();
-    arrays.push(array(c"inlet", 2, 3, 1, 1));
-    arrays
 }
 
 fn session(host: &Host) -> Session {
@@ -201,7 +191,7 @@ fn seal(bytes: &mut [u8]) {
 #[test]
 fn ride_states() {
     let host = Host::new(sample::triangles(4, 3, 1.0, 0.7));
-    let arrays = arrays(&host);
+    let arrays = flow_and_inlet(&host);
     let network = session(&host);
     let (_folder, path) = place("a.state");
     let name = CString::new(path.to_str().unwrap()).unwrap();
@@ -210,11 +200,9 @@ fn ride_states() {
         let (made, mut run) = Run::begin(&host, of(fits), &arrays, &usual(fits));
         assert_eq!(made, 0, "{}", message());
         run.go_on(if fits { 26 } else { 14 }, RideAnswer::default(), &mut Random::new(3));
-        // SAFETY: a ride of ours, freed once.
-        unsafe {
-            assert_eq!(m4gn_ride_save(run.ride, name.as_ptr()), 0, "{}", message());
-            m4gn_ride_free(run.ride);
-        }
+        // SAFETY: a ride of ours.
+        let saved = unsafe { m4gn_ride_save(run.ride, name.as_ptr()) };
+        assert_eq!(saved, 0, "{}", message());
         (fits, run.index, std::fs::read(&path).unwrap())
     });
     fuzz("ride", |r| {
@@ -222,16 +210,8 @@ fn ride_states() {
         let mut settings = usual(*fits);
         match r.below(6) {
             0 if *fits => {
-                let keys = [
-                    "snapshotInterval",
-                    "jumpTolerance",
-                    "fitTolerance",
-                    "initialJump",
-                    "maxJump",
-                    "window",
-                    "minSnapshots",
-                    "holdOut",
-                ];
+                let keys = "snapshotInterval jumpTolerance fitTolerance initialJump maxJump window minSnapshots holdOut";
+                let keys: Vec<&str> = keys.split(' ').collect();
                 settings["dmd"][*r.pick(&keys)] = match r.below(2) {
                     0 => Value::from(r.below(5)),
                     _ => r.real().into(),
@@ -271,8 +251,6 @@ fn ride_states() {
             unsafe { m4gn_ride_text(run.ride, 6) };
         }
         not_internal();
-        // SAFETY: null, or freed once.
-        unsafe { m4gn_ride_free(run.ride) };
         bytes.len()
     });
     // SAFETY: made above, and freed once.
@@ -286,7 +264,7 @@ fn ride_arrays() {
     let network = session(&host);
     let weights: Vec<f64> = vec![0.5; host.mesh.n_cells()];
     fuzz("arrays", |r| {
-        let mut arrays = arrays(&host);
+        let mut arrays = flow_and_inlet(&host);
         let fits = r.below(2) == 0;
         let weights: Vec<f64> =
             weights.iter().map(|w| if r.below(99) == 0 { r.real() } else { *w }).collect();
@@ -316,8 +294,6 @@ fn ride_arrays() {
             run.go_on(30, RideAnswer::default(), r);
         }
         not_internal();
-        // SAFETY: null, or freed once.
-        unsafe { m4gn_ride_free(run.ride) };
         100
     });
     // SAFETY: made above, and freed once.

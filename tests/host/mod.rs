@@ -8,6 +8,7 @@ use m4gn_mesh::Mesh;
 use m4gn_model::Model;
 use m4gn_modes::fem::PointMesh;
 use m4gn_samples::model::bodies;
+use std::any::Any;
 use std::ffi::{CStr, CString, c_char};
 use std::ptr::{null, null_mut};
 
@@ -49,6 +50,63 @@ pub fn flow_arrays(host: &Host) -> [ArrayData; 4] {
         array(c"U", 3, 2, 3, b),
         array(c"p", 3, 2, 1, b),
     ]
+}
+
+/// As [`flow_arrays`], with the inlet's value, which the host knows beforehand, behind them.
+pub fn flow_and_inlet(host: &Host) -> Vec<ArrayData> {
+    [&flow_arrays(host)[..], &[array(c"inlet", 2, 3, 1, 1)]].concat()
+}
+
+/// The end of the step of this index.
+pub fn ride_step(index: i64, delta_t: f64) -> RideStep {
+    RideStep {
+        time: delta_t * index as f64,
+        delta_t,
+        end_time: f64::INFINITY,
+        shown: 0.0,
+        index,
+        name: null(),
+        correctors: -1,
+        most_correctors: -1,
+    }
+}
+
+/// A field of a recording, m/s.
+pub fn declared(name: *const c_char, components: i32) -> FieldInfo {
+    FieldInfo { name, components, dimensions: [0, 1, -1, 0, 0, 0, 0], is_input: 0, is_output: 0 }
+}
+
+/// Rows of a matrix.
+pub struct Rows {
+    pub row: Vec<i64>,
+    pub column: Vec<i64>,
+    pub value: Vec<f64>,
+}
+
+impl Rows {
+    /// These of n rows with three entries each.
+    pub fn band(rows: std::ops::Range<i64>, n: i64, inner: f64, outer: f64) -> Rows {
+        let mut band = Rows { row: vec![0], column: Vec::new(), value: Vec::new() };
+        for i in rows {
+            for (j, v) in [(i - 1, outer), (i, inner), (i + 1, outer)] {
+                if (0..n).contains(&j) {
+                    band.column.push(j);
+                    band.value.push(v);
+                }
+            }
+            band.row.push(band.column.len() as i64);
+        }
+        band
+    }
+
+    pub fn data(&self) -> CsrData {
+        CsrData {
+            n_rows: self.row.len() as i32 - 1,
+            row: self.row.as_ptr(),
+            column: self.column.as_ptr(),
+            value: self.value.as_ptr(),
+        }
+    }
 }
 
 /// Values of U and p at cells and boundary faces.
@@ -96,132 +154,92 @@ pub fn options(settings: &serde_json::Value) -> CString {
     CString::new(settings.to_string()).unwrap()
 }
 
+/// Arrays that a host's pointers are to.
+#[derive(Default)]
+struct Kept(Vec<Box<dyn Any>>);
+
+impl Kept {
+    fn list<T: 'static>(&mut self, values: impl IntoIterator<Item = T>) -> *const T {
+        let values: Vec<T> = values.into_iter().collect();
+        let place = values.as_ptr();
+        self.0.push(Box::new(values));
+        place
+    }
+
+    fn vectors<'a>(&mut self, values: impl IntoIterator<Item = &'a [f64; 3]>) -> *const f64 {
+        self.list(values.into_iter().flatten().copied())
+    }
+}
+
+fn directions(mesh: &[usize]) -> [i32; 3] {
+    std::array::from_fn(|i| mesh.get(i).map_or(-1, |&d| d as i32))
+}
+
 /// A mesh as arrays; what `data` points to lives here.
 pub struct Host {
     pub data: MeshData,
     pub mesh: Mesh,
-    modes: [Vec<f64>; 2],
-    vectors: [Vec<f64>; 4],
-    integers: [Vec<i32>; 5],
-    longs: [Vec<i64>; 2],
-    reals: [Vec<f64>; 2],
-    /// Of a body: types of its points, kinds of its elements, the obstacle's triangles.
-    codes: [Vec<i32>; 3],
-    /// Of a body: its elements' materials, the obstacle's points.
-    figures: [Vec<f64>; 2],
-    _names: Vec<CString>,
-    names: Vec<*const c_char>,
+    kept: Kept,
 }
 
 impl Host {
-    pub fn new(mesh: Mesh) -> Box<Host> {
-        let flat = |v: Vec<[f64; 3]>| v.into_flattened();
-        let (b, c) = (&mesh.boundary, &mesh.coupled);
+    pub fn new(mesh: Mesh) -> Host {
+        let (b, c, mut kept) = (&mesh.boundary, &mesh.coupled, Kept::default());
         let names: Vec<CString> = mesh.patches.iter().map(|p| CString::new(p.as_str()).unwrap()).collect();
-        let mut host = Box::new(Host {
-            // SAFETY: integers and null pointers; filled in below.
-            data: unsafe { std::mem::zeroed() },
-            modes: Default::default(),
-            vectors: [
-                flat(mesh.cell_centres.clone()),
-                flat(b.iter().map(|f| f.centre).collect()),
-                flat(b.iter().map(|f| f.area).collect()),
-                flat(c.iter().map(|f| f.delta).collect()),
-            ],
-            integers: [
-                b.iter().map(|f| f.owner).collect(),
-                b.iter().map(|f| f.kind as i32).collect(),
-                b.iter().map(|f| f.patch).collect(),
-                c.iter().map(|f| f.owner).collect(),
-                c.iter().map(|f| f.rank).collect(),
-            ],
-            longs: [b.iter().map(|f| f.global).collect(), c.iter().map(|f| f.global).collect()],
-            reals: [b.iter().map(|f| f.coeff).collect(), c.iter().map(|f| f.coeff).collect()],
-            names: names.iter().map(|n| n.as_ptr()).collect(),
-            _names: names,
-            codes: Default::default(),
-            figures: Default::default(),
-            mesh,
-        });
-        let mut directions = [-1; 3];
-        for (to, from) in directions.iter_mut().zip(&host.mesh.directions) {
-            *to = *from as i32;
-        }
-        host.data = MeshData {
-            n_directions: host.mesh.directions.len() as i32,
-            directions,
+        let mut data = MeshData {
+            n_directions: mesh.directions.len() as i32,
+            directions: directions(&mesh.directions),
             // A body's points have no volumes.
-            n_cells: host.mesh.cell_global.len() as i32,
-            cell_global: host.mesh.cell_global.as_ptr(),
-            cell_centres: host.vectors[0].as_ptr(),
-            cell_volumes: host.mesh.cell_volumes.as_ptr(),
-            n_faces: host.mesh.face_owner.len() as i32,
-            face_owner: host.mesh.face_owner.as_ptr(),
-            face_neighbour: host.mesh.face_neighbour.as_ptr(),
-            face_coeff: host.mesh.face_coeff.as_ptr(),
-            n_boundary: host.mesh.boundary.len() as i32,
-            boundary_owner: host.integers[0].as_ptr(),
-            boundary_global: host.longs[0].as_ptr(),
-            boundary_centres: host.vectors[1].as_ptr(),
-            boundary_area: host.vectors[2].as_ptr(),
-            boundary_coeff: host.reals[0].as_ptr(),
-            boundary_type: host.integers[1].as_ptr(),
-            boundary_patch: host.integers[2].as_ptr(),
-            n_coupled: host.mesh.coupled.len() as i32,
-            coupled_owner: host.integers[3].as_ptr(),
-            coupled_rank: host.integers[4].as_ptr(),
-            coupled_global: host.longs[1].as_ptr(),
-            coupled_delta: host.vectors[3].as_ptr(),
-            coupled_coeff: host.reals[1].as_ptr(),
-            n_patches: host.names.len() as i32,
-            patch_names: host.names.as_ptr(),
-            n_modes: 0,
-            mode_eigenvalues: null(),
-            mode_cells: null(),
-            cell_type: null(),
-            n_elements: 0,
-            element_kind: null(),
-            element_points: null(),
-            element_material: null(),
-            n_obstacle: 0,
-            obstacle_positions: null(),
-            n_obstacle_triangles: 0,
-            obstacle_triangles: null(),
+            n_cells: mesh.cell_global.len() as i32,
+            cell_global: mesh.cell_global.as_ptr(),
+            cell_centres: mesh.cell_centres.as_flattened().as_ptr(),
+            cell_volumes: mesh.cell_volumes.as_ptr(),
+            n_faces: mesh.face_owner.len() as i32,
+            face_owner: mesh.face_owner.as_ptr(),
+            face_neighbour: mesh.face_neighbour.as_ptr(),
+            face_coeff: mesh.face_coeff.as_ptr(),
+            n_boundary: b.len() as i32,
+            boundary_owner: kept.list(b.iter().map(|f| f.owner)),
+            boundary_global: kept.list(b.iter().map(|f| f.global)),
+            boundary_centres: kept.vectors(b.iter().map(|f| &f.centre)),
+            boundary_area: kept.vectors(b.iter().map(|f| &f.area)),
+            boundary_coeff: kept.list(b.iter().map(|f| f.coeff)),
+            boundary_type: kept.list(b.iter().map(|f| f.kind as i32)),
+            boundary_patch: kept.list(b.iter().map(|f| f.patch)),
+            n_coupled: c.len() as i32,
+            coupled_owner: kept.list(c.iter().map(|f| f.owner)),
+            coupled_rank: kept.list(c.iter().map(|f| f.rank)),
+            coupled_global: kept.list(c.iter().map(|f| f.global)),
+            coupled_delta: kept.vectors(c.iter().map(|f| &f.delta)),
+            coupled_coeff: kept.list(c.iter().map(|f| f.coeff)),
+            n_patches: names.len() as i32,
+            patch_names: kept.list(names.iter().map(|n| n.as_ptr())),
+            // SAFETY: integers and null pointers.
+            ..unsafe { std::mem::zeroed() }
         };
-        host.give_body();
-        host
-    }
-
-    /// Hands in the body and the obstacle that the mesh has, if any.
-    fn give_body(&mut self) {
-        if let Some(body) = &self.mesh.body {
-            let values = body.material.iter().map(|m| [m.young, m.poisson, m.density]);
-            self.figures[0] = values.flatten().collect();
-            self.codes[0] = body.types.iter().map(|&t| t as i32).collect();
-            self.codes[1] = body.kind.iter().map(|&k| k as i32).collect();
-            self.data.cell_type = self.codes[0].as_ptr();
-            self.data.n_elements = self.codes[1].len() as i32;
-            self.data.element_kind = self.codes[1].as_ptr();
-            self.data.element_points = body.points.as_ptr();
-            self.data.element_material = self.figures[0].as_ptr();
+        kept.list(names);
+        if let Some(body) = &mesh.body {
+            data.cell_type = kept.list(body.types.iter().map(|&t| t as i32));
+            data.n_elements = body.kind.len() as i32;
+            data.element_kind = kept.list(body.kind.iter().map(|&k| k as i32));
+            data.element_points = body.points.as_ptr();
+            data.element_material = kept
+                .vectors(&body.material.iter().map(|m| [m.young, m.poisson, m.density]).collect::<Vec<_>>());
         }
-        if let Some(obstacle) = &self.mesh.obstacle {
-            self.figures[1] = obstacle.positions.as_flattened().to_vec();
-            self.codes[2] = obstacle.triangles.as_flattened().to_vec();
-            self.data.n_obstacle = obstacle.positions.len() as i32;
-            self.data.obstacle_positions = self.figures[1].as_ptr();
-            self.data.n_obstacle_triangles = obstacle.triangles.len() as i32;
-            self.data.obstacle_triangles = self.codes[2].as_ptr();
+        if let Some(obstacle) = &mesh.obstacle {
+            data.n_obstacle = obstacle.positions.len() as i32;
+            data.obstacle_positions = obstacle.positions.as_flattened().as_ptr();
+            data.n_obstacle_triangles = obstacle.triangles.len() as i32;
+            data.obstacle_triangles = obstacle.triangles.as_flattened().as_ptr();
         }
+        Host { data, mesh, kept }
     }
 
     /// Hands elastic modes in with the mesh.
     pub fn give_modes(&mut self, modes: &ElasticModes) {
-        let cells = modes.vectors.iter().flatten().flatten().copied().collect();
-        self.modes = [modes.eigenvalues.clone(), cells];
         self.data.n_modes = modes.eigenvalues.len() as i32;
-        self.data.mode_eigenvalues = self.modes[0].as_ptr();
-        self.data.mode_cells = self.modes[1].as_ptr();
+        self.data.mode_eigenvalues = self.kept.list(modes.eigenvalues.iter().copied());
+        self.data.mode_cells = self.kept.vectors(modes.vectors.iter().flatten());
     }
 }
 
@@ -229,51 +247,38 @@ impl Host {
 pub struct BodyHost {
     pub data: SolidData,
     pub mesh: PointMesh,
-    points: Vec<f64>,
-    cells: [Vec<f64>; 3],
-    fixed: Vec<i32>,
+    _kept: Kept,
 }
 
 impl BodyHost {
     /// Of one material, held at x = 0.
-    pub fn new(mesh: PointMesh) -> Box<BodyHost> {
-        let n = mesh.n_cells;
-        let held = |p: &usize| mesh.points[*p][0] < 1e-9;
-        let mut host = Box::new(BodyHost {
-            // SAFETY: integers and null pointers; filled in below.
-            data: unsafe { std::mem::zeroed() },
-            points: mesh.points.clone().into_flattened(),
-            cells: [vec![1e6; n], vec![0.3; n], vec![1000.0; n]],
-            fixed: (0..mesh.points.len()).filter(held).map(|p| p as i32).collect(),
-            mesh,
-        });
-        let mut directions = [-1; 3];
-        for (to, from) in directions.iter_mut().zip(&host.mesh.directions) {
-            *to = *from as i32;
-        }
-        host.data = SolidData {
-            n_directions: host.mesh.directions.len() as i32,
-            directions,
-            n_points: host.mesh.points.len() as i32,
-            point_global: host.mesh.point_global.as_ptr(),
-            points: host.points.as_ptr(),
-            n_faces: host.mesh.n_faces() as i32,
-            n_internal_faces: host.mesh.face_neighbour.len() as i32,
-            face_start: host.mesh.face_start.as_ptr(),
-            face_points: host.mesh.face_points.as_ptr(),
-            face_owner: host.mesh.face_owner.as_ptr(),
-            face_neighbour: host.mesh.face_neighbour.as_ptr(),
+    pub fn new(mesh: PointMesh) -> BodyHost {
+        let (n, mut kept) = (mesh.n_cells, Kept::default());
+        let fixed = (0..mesh.points.len()).filter(|p| mesh.points[*p][0] < 1e-9);
+        let fixed: Vec<i32> = fixed.map(|p| p as i32).collect();
+        let data = SolidData {
+            n_directions: mesh.directions.len() as i32,
+            directions: directions(&mesh.directions),
+            n_points: mesh.points.len() as i32,
+            point_global: mesh.point_global.as_ptr(),
+            points: mesh.points.as_flattened().as_ptr(),
+            n_faces: mesh.n_faces() as i32,
+            n_internal_faces: mesh.face_neighbour.len() as i32,
+            face_start: mesh.face_start.as_ptr(),
+            face_points: mesh.face_points.as_ptr(),
+            face_owner: mesh.face_owner.as_ptr(),
+            face_neighbour: mesh.face_neighbour.as_ptr(),
             n_cells: n as i32,
-            young: host.cells[0].as_ptr(),
-            poisson: host.cells[1].as_ptr(),
-            density: host.cells[2].as_ptr(),
-            n_fixed: host.fixed.len() as i32,
-            fixed_point: host.fixed.as_ptr(),
+            young: kept.list(vec![1e6; n]),
+            poisson: kept.list(vec![0.3; n]),
+            density: kept.list(vec![1000.0; n]),
+            n_fixed: fixed.len() as i32,
+            fixed_point: kept.list(fixed),
             fixed_components: null(),
             plane_stress: 0,
             free_body: 0,
         };
-        host
+        BodyHost { data, mesh, _kept: kept }
     }
 }
 

@@ -27,7 +27,7 @@ impl Bench {
         path
     }
 
-    fn body_host(&self, odd: Option<Oddity>) -> Box<Host> {
+    fn body_host(&self, odd: Option<Oddity>) -> Host {
         let body = sample::block([6, 2, 2], [3.0, 1.0, 1.0]);
         let obstacle = sample::octahedron([2.6, 0.5, 1.6], 0.5);
         // In turns along the beam, so that a rank's points are no single stretch of the numbering.

@@ -91,7 +91,7 @@ impl Bench {
         (both[0], -both[1])
     }
 
-    pub fn host(&self, odd: Option<Oddity>) -> Box<Host> {
+    pub fn host(&self, odd: Option<Oddity>) -> Host {
         let whole = sample::triangles(8, 6, 1.0, 0.7);
         let ranks = sample::strips(whole.n_cells(), self.world.size());
         let mut mesh = sample::part(&whole, &ranks, self.world.rank());

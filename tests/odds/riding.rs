@@ -88,7 +88,7 @@ fn now(index: i64) -> RideStep {
 /// A ride on a mesh, with what it is given.
 struct Riding<'a> {
     bench: &'a Bench,
-    host: Box<Host>,
+    host: Host,
     back: Box<Back>,
     ride: *mut RideHandle,
     /// Steps so far.
