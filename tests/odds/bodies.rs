@@ -1,8 +1,7 @@
 //! Sessions of a body at points under an obstacle.
 
-use crate::calls::{Bench, Ended, Oddity, unless, unless_mut};
+use crate::calls::{Bench, Ended, Oddity, Owned, Tried, made, unless, unless_mut};
 use crate::host::*;
-use crate::timed;
 use m4gn_mesh::NodeType;
 use m4gn_samples::bodies as sample;
 use serde_json::json;
@@ -59,7 +58,7 @@ impl Bench {
         host
     }
 
-    pub fn body_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Session) {
+    pub fn body_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Owned<SessionHandle>) {
         let mut settings = json!({});
         if odd == Some("backend") {
             settings["backend"] = "torch".into();
@@ -67,17 +66,12 @@ impl Bench {
         self.session_of(&self.body_host(odd), self.body_model_file(), &settings, null(), odd, panic)
     }
 
-    pub fn body_step(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
-        let (made, session) = self.body_new(None, None);
-        if made.status != 0 {
-            return made;
-        }
+    pub fn body_step(&self, odd: Option<Oddity>, panic: Option<u32>) -> Tried {
+        let session = made(self.body_new(None, None))?;
         let n = self.body_host(None).mesh.cell_global.len();
-        let step = |odd, panic| self.stepped(session, n, odd, panic);
+        let step = |odd, panic| self.stepped(session.0, n, odd, panic);
         let (ended, again) = (step(odd, panic), step(None, None));
-        // SAFETY: freed once.
-        timed(|| unsafe { m4gn_session_free(session) });
-        self.then(ended, again)
+        Ok(self.then(ended, again))
     }
 
     /// The first step of a body at rest.

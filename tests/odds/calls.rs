@@ -71,11 +71,31 @@ pub struct Ended {
     pub usable: bool,
 }
 
+/// How a call ended, or the one that makes what it is given.
+pub type Tried = Result<Ended, Ended>;
+
+/// What a good call made.
+pub fn made<T>((ended, made): (Ended, T)) -> Result<T, Ended> {
+    if ended.status == 0 { Ok(made) } else { Err(ended) }
+}
+
+/// Null, or an object that is freed once, under the clock, by its own function.
+pub struct Owned<T>(pub *mut T, pub unsafe extern "C" fn(*mut T));
+
+impl<T> Drop for Owned<T> {
+    fn drop(&mut self) {
+        // SAFETY: of a host's objects, which nothing uses any more.
+        timed(|| unsafe { (self.1)(self.0) });
+    }
+}
+
 /// What all calls are made with.
 pub struct Bench {
     pub world: Comm,
     pub folder: tempfile::TempDir,
 }
+
+pub const TESTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests");
 
 /// Many more than a call has.
 const NEVER: u32 = 1 << 30;
@@ -107,67 +127,51 @@ impl Bench {
     /// Makes the call with something odd on this rank, or a panic at an operation of it.
     pub fn run(&self, call: &str, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         *SCENARIO.lock().unwrap() = format!("{call}, odd {odd:?}, panic {panic:?}");
-        match call {
-            "model_open" => self.model_open(odd, panic),
-            "session_new" => {
-                let (ended, session) = self.session_new(odd, panic);
-                // SAFETY: null, or a session that is not used again.
-                timed(|| unsafe { m4gn_session_free(session) });
-                ended
-            }
-            "session_new_of_body" => {
-                let (ended, session) = self.body_new(odd, panic);
-                // SAFETY: null, or a session that is not used again.
-                timed(|| unsafe { m4gn_session_free(session) });
-                ended
-            }
+        let tried = match call {
+            "model_open" => Ok(self.model_open(odd, panic)),
+            "session_new" => Ok(self.session_new(odd, panic).0),
+            "session_new_of_body" => Ok(self.body_new(odd, panic).0),
             "session_step_of_body" => self.body_step(odd, panic),
             "session_step" => self.session_step(odd, panic),
             "session_outside" => self.session_outside(odd, panic),
-            "segments_new" => self.segments_new(odd, panic),
-            "modes_new" => self.modes_new(odd, panic),
-            "solid_modes_new" => self.solid_modes_new(odd, panic),
-            "recorder_new" => {
-                let (ended, recorder) = self.recorder_new(odd, panic);
-                // SAFETY: null, or a recorder that is not used again.
-                unsafe { m4gn_recorder_free(recorder) };
-                ended
-            }
+            "segments_new" => Ok(self.segments_new(odd, panic)),
+            "modes_new" => Ok(self.modes_new(odd, panic)),
+            "solid_modes_new" => Ok(self.solid_modes_new(odd, panic)),
+            "recorder_new" => Ok(self.recorder_new(odd, panic).0),
             "recorder_append" => self.recorder_append(odd, panic),
-            "segments_fit" => self.segments_fit(odd, panic),
+            "segments_fit" => Ok(self.segments_fit(odd, panic)),
             "ride_new" | "ride_new_of_fit" => self.ride_new(call, odd, panic),
             "recorder_finish" => self.recorder_finish(odd, panic),
             "session_free" | "recorder_free" | "ride_free" | "finalize" => self.last_call(call, panic),
             _ => self.ride_call(call, odd, panic),
-        }
+        };
+        tried.unwrap_or_else(|unmade| unmade)
     }
 
     /// The call that ends an object, or the library, which says nothing and has nothing that could be odd: the rank that
     /// is to break does so in its place.
-    fn last_call(&self, call: &str, panic: Option<u32>) -> Ended {
-        let (made, session) = self.session_new(None, None);
-        let (recorded, recorder) = self.recorder_new(None, None);
-        for ended in [made, recorded] {
-            if ended.status != 0 {
-                return ended;
-            }
-        }
-        let breaks = || assert!(panic.is_none(), "{FAULT}");
-        if call == "ride_free" {
-            return self.ride_free(session, breaks);
-        }
-        self.made(None, || {
-            breaks();
-            // SAFETY: objects of ours, freed once.
-            unsafe {
-                match call {
-                    "session_free" => m4gn_session_free(session),
-                    "recorder_free" => m4gn_recorder_free(recorder),
-                    _ => m4gn_finalize(),
+    fn last_call(&self, call: &str, panic: Option<u32>) -> Tried {
+        let session = made(self.session_new(None, None))?;
+        let recorder = made(self.recorder_new(None, None))?;
+        let ride = match call {
+            "ride_free" => Some(self.ride(session.0)?),
+            _ => None,
+        };
+        Ok(self.made(None, || {
+            assert!(panic.is_none(), "{FAULT}");
+            match call {
+                "session_free" => drop(session),
+                "recorder_free" => drop(recorder),
+                "ride_free" => drop(ride),
+                _ => {
+                    // The library is over before they are.
+                    std::mem::forget((session, recorder));
+                    // SAFETY: once, by all ranks.
+                    unsafe { m4gn_finalize() }
                 }
             }
             0
-        })
+        }))
     }
 
     /// What a call's end is, where the same handle was used again: after bad input it works, after a panic it refuses, on
@@ -202,21 +206,16 @@ impl Bench {
     }
 
     pub fn model_open(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
-        let path = match odd {
-            Some("no file") => c("/nowhere/other.safetensors".into()),
-            Some("other model") => {
-                c(format!("{}/../../tests/e2e/solid.safetensors", env!("CARGO_MANIFEST_DIR")))
-            }
-            _ => model(),
-        };
+        let path = c(match odd {
+            Some("no file") => "/nowhere/other.safetensors".into(),
+            Some("other model") => format!("{TESTS}/e2e/solid.safetensors"),
+            _ => format!("{TESTS}/cabi/small.safetensors"),
+        });
         let path = unless(odd == Some("no path"), path.as_ptr());
-        let mut opened = none();
-        let place = unless_mut(odd == Some("null"), &raw mut opened);
+        let mut opened = Owned(none(), m4gn_model_free);
+        let place = unless_mut(odd == Some("null"), &raw mut opened.0);
         // SAFETY: a C string or null, and a place or null.
-        let ended = self.made(panic, || unsafe { m4gn_model_open(self.world.fortran(), path, place) });
-        // SAFETY: null, or freed once.
-        unsafe { m4gn_model_free(opened) };
-        ended
+        self.made(panic, || unsafe { m4gn_model_open(self.world.fortran(), path, place) })
     }
 }
 
@@ -232,10 +231,6 @@ pub fn unless_mut<T>(is_odd: bool, pointer: *mut T) -> *mut T {
 
 pub fn c(text: String) -> CString {
     CString::new(text).unwrap()
-}
-
-pub fn model() -> CString {
-    c(format!("{}/../../tests/cabi/small.safetensors", env!("CARGO_MANIFEST_DIR")))
 }
 
 /// U and p in cells, and zeros at boundary faces.

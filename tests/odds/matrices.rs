@@ -1,8 +1,7 @@
 //! Modes of matrices and of elastic bodies.
 
-use crate::calls::{Bench, Ended, Oddity, unless, unless_mut};
+use crate::calls::{Bench, Ended, Oddity, Owned, unless, unless_mut};
 use crate::host::*;
-use crate::timed;
 use m4gn_samples::mesh as sample;
 use m4gn_samples::points::{Kind, block, part as body_part};
 use serde_json::json;
@@ -13,27 +12,13 @@ impl Bench {
     pub fn modes_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
         let (n, size, rank) = (900i64, i64::from(self.world.size()), i64::from(self.world.rank()));
         let (first, last) = (n * rank / size, n * (rank + 1) / size);
-        let (mut row, mut column, mut value) = (vec![0i64], Vec::new(), Vec::new());
-        for i in first..last {
-            for (j, v) in [(i - 1, -1.0), (i, 2.0), (i + 1, -1.0)] {
-                if (0..n).contains(&j) {
-                    column.push(j);
-                    value.push(v);
-                }
-            }
-            row.push(column.len() as i64);
-        }
+        let mut rows = Rows::band(first..last, n, 2.0, -1.0);
         match odd {
-            Some("nan") => value[3] = f64::NAN,
-            Some("column") => column[3] = n,
+            Some("nan") => rows.value[3] = f64::NAN,
+            Some("column") => rows.column[3] = n,
             _ => (),
         }
-        let matrix = CsrData {
-            n_rows: (last - first) as i32,
-            row: row.as_ptr(),
-            column: column.as_ptr(),
-            value: value.as_ptr(),
-        };
+        let matrix = rows.data();
         let mut settings = json!({ "modes": 3 });
         match odd {
             Some("modes") => settings["modes"] = 4.into(),
@@ -43,18 +28,15 @@ impl Bench {
             _ => (),
         }
         let settings = options(&settings);
-        let mut modes = none();
-        let place = unless_mut(odd == Some("null"), &raw mut modes);
+        let mut modes = Owned(none(), m4gn_modes_free);
+        let place = unless_mut(odd == Some("null"), &raw mut modes.0);
         let stiffness = unless(odd == Some("no stiffness"), &raw const matrix);
         let mass = if odd == Some("mass") { &raw const matrix } else { null() };
         let given = unless(odd == Some("no options"), settings.as_ptr());
         // SAFETY: arrays of their lengths, or what the call refuses.
-        let ended = self.made(panic, || unsafe {
+        self.made(panic, || unsafe {
             m4gn_modes_new(self.world.fortran(), stiffness, mass, given, null(), place)
-        });
-        // SAFETY: null, or freed once.
-        timed(|| unsafe { m4gn_modes_free(modes) });
-        ended
+        })
     }
 
     pub fn solid_modes_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
@@ -92,15 +74,11 @@ impl Bench {
             _ => (),
         }
         let settings = options(&settings);
-        let mut modes = none();
-        let place = unless_mut(odd == Some("null"), &raw mut modes);
+        let mut modes = Owned(none(), m4gn_modes_free);
+        let place = unless_mut(odd == Some("null"), &raw mut modes.0);
         let body = unless(odd == Some("no body"), &raw const host.data);
         let given = unless(odd == Some("no options"), settings.as_ptr());
         // SAFETY: arrays of their lengths, or what the call refuses.
-        let ended =
-            self.made(panic, || unsafe { m4gn_solid_modes_new(self.world.fortran(), body, given, place) });
-        // SAFETY: null, or freed once.
-        timed(|| unsafe { m4gn_modes_free(modes) });
-        ended
+        self.made(panic, || unsafe { m4gn_solid_modes_new(self.world.fortran(), body, given, place) })
     }
 }

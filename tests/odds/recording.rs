@@ -1,26 +1,17 @@
 //! Recordings.
 
-use crate::calls::{Bench, Ended, Oddity, unless, unless_mut, values};
+use crate::calls::{Bench, Ended, Oddity, Owned, Tried, made, unless, unless_mut, values};
 use crate::host::*;
-use crate::timed;
 use serde_json::json;
 use std::path::PathBuf;
 use std::ptr::null;
 
 impl Bench {
-    pub fn recorder_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, *mut RecorderHandle) {
+    pub fn recorder_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Owned<RecorderHandle>) {
         let host = self.host(odd);
         let name = if odd == Some("path") { "b.h5" } else { "a.h5" };
         let path = self.folder.path().join(name);
-        let dimensions = [0, 1, -1, 0, 0, 0, 0];
-        let declared = |name: &'static std::ffi::CStr, components| FieldInfo {
-            name: name.as_ptr(),
-            components,
-            dimensions,
-            is_input: 0,
-            is_output: 0,
-        };
-        let fields = [declared(c"U", 3), declared(c"p", 1)];
+        let fields = [declared(c"U".as_ptr(), 3), declared(c"p".as_ptr(), 1)];
         let mut settings = json!({ "path": path, "overwrite": true });
         match odd {
             Some("split") => settings["split"] = "test".into(),
@@ -30,65 +21,47 @@ impl Bench {
         }
         let settings = options(&settings);
         let n_fields = if odd == Some("fields") { 1 } else { 2 };
-        let mut recorder = none();
-        let place = unless_mut(odd == Some("null"), &raw mut recorder);
+        let mut recorder = Owned(none(), m4gn_recorder_free);
+        let place = unless_mut(odd == Some("null"), &raw mut recorder.0);
         let mesh = unless(odd == Some("no mesh"), &raw const host.data);
         let given = unless(odd == Some("no options"), settings.as_ptr());
         // SAFETY: arrays of their lengths, or what the call refuses.
         let ended = self.made(panic, || unsafe {
             m4gn_recorder_new(self.world.fortran(), mesh, given, fields.as_ptr(), n_fields, place)
         });
-        if odd.is_some() || panic.is_some() || ended.status != 0 {
-            // SAFETY: null, or a recorder that is not used again.
-            unsafe { m4gn_recorder_free(std::mem::replace(&mut recorder, none())) };
-        }
         (ended, recorder)
     }
 
-    pub fn recorder_append(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
-        let (made, recorder) = self.recorder_new(None, None);
-        if made.status != 0 {
-            return made;
+    fn append(
+        &self,
+        recorder: &Owned<RecorderHandle>,
+        time: f64,
+        odd: Option<Oddity>,
+        panic: Option<u32>,
+    ) -> Ended {
+        let mut flow = values(&self.host(None));
+        if odd == Some("nan") {
+            flow.u[1] = f64::NAN;
         }
-        let host = self.host(None);
-        let append = |time: f64, odd: Option<Oddity>, panic| {
-            let mut flow = values(&host);
-            if odd == Some("nan") {
-                flow.u[1] = f64::NAN;
-            }
-            let (mut cells, mut boundary) = (flow.cells(), flow.boundary());
-            match odd {
-                Some("no cells") => cells[1] = null(),
-                Some("no boundary") => boundary[0] = null(),
-                _ => (),
-            }
-            let cells = unless(odd == Some("null"), cells.as_ptr());
-            let boundary = unless(odd == Some("no faces"), boundary.as_ptr());
-            let time = if odd == Some("time") { time + 1.0 } else { time };
-            // SAFETY: arrays of their lengths, or what the call refuses.
-            self.made(panic, || unsafe { m4gn_recorder_append(recorder, time, cells, boundary) })
-        };
-        let ended = append(0.5, odd, panic);
-        let again = append(2.5, None, None);
-        let finished = self.finished(recorder, None, None);
-        // SAFETY: freed once.
-        timed(|| unsafe { m4gn_recorder_free(recorder) });
-        self.then(self.then(ended, again), finished)
+        let (mut cells, mut boundary) = (flow.cells(), flow.boundary());
+        match odd {
+            Some("no cells") => cells[1] = null(),
+            Some("no boundary") => boundary[0] = null(),
+            _ => (),
+        }
+        let cells = unless(odd == Some("null"), cells.as_ptr());
+        let boundary = unless(odd == Some("no faces"), boundary.as_ptr());
+        let time = if odd == Some("time") { time + 1.0 } else { time };
+        // SAFETY: arrays of their lengths, or what the call refuses.
+        self.made(panic, || unsafe { m4gn_recorder_append(recorder.0, time, cells, boundary) })
     }
 
-    /// A recording with one frame.
-    fn recorded(&self) -> (Ended, *mut RecorderHandle) {
-        let (made, recorder) = self.recorder_new(None, None);
-        if made.status != 0 {
-            return (made, recorder);
-        }
-        let host = self.host(None);
-        let flow = values(&host);
-        let (cells, boundary) = (flow.cells(), flow.boundary());
-        // SAFETY: arrays of their lengths.
-        let ended = self
-            .made(None, || unsafe { m4gn_recorder_append(recorder, 0.0, cells.as_ptr(), boundary.as_ptr()) });
-        (ended, recorder)
+    pub fn recorder_append(&self, odd: Option<Oddity>, panic: Option<u32>) -> Tried {
+        let recorder = made(self.recorder_new(None, None))?;
+        let ended = self.append(&recorder, 0.5, odd, panic);
+        let again = self.append(&recorder, 2.5, None, None);
+        let finished = self.finished(recorder.0, None, None);
+        Ok(self.then(self.then(ended, again), finished))
     }
 
     /// The handle is all that this call is given, and must be valid; the rest of what may go wrong is with the file.
@@ -118,14 +91,12 @@ impl Bench {
         ended
     }
 
-    pub fn recorder_finish(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
-        let (made, recorder) = self.recorded();
-        if made.status != 0 {
-            return made;
-        }
-        let mut ended = self.finished(recorder, odd, panic);
+    pub fn recorder_finish(&self, odd: Option<Oddity>, panic: Option<u32>) -> Tried {
+        let recorder = made(self.recorder_new(None, None))?;
+        made((self.append(&recorder, 0.0, None, None), ()))?;
+        let mut ended = self.finished(recorder.0, odd, panic);
         // What is finished, or was given up, is not finished again: all ranks say so.
-        let again = self.finished(recorder, None, None);
+        let again = self.finished(recorder.0, None, None);
         let (low, high) = self.range(again.status);
         let (low_before, _) = self.range(ended.status);
         let refused = if low_before < 0 { high < 0 } else { low > 0 };
@@ -133,8 +104,6 @@ impl Bench {
             ended.usable = false;
             ended.message = format!("finished again it gives {low} to {high}: {}", again.message);
         }
-        // SAFETY: freed once.
-        timed(|| unsafe { m4gn_recorder_free(recorder) });
-        ended
+        Ok(ended)
     }
 }

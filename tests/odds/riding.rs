@@ -1,8 +1,7 @@
 //! Hybrid runs: of a network, of a surrogate of the host's own, and of a fit.
 
-use crate::calls::{Bench, Ended, Oddity, c, unless, unless_mut, values};
+use crate::calls::{Bench, Ended, Oddity, Owned, Tried, c, made, unless, unless_mut, values};
 use crate::host::*;
-use crate::timed;
 use serde_json::json;
 use std::cell::Cell;
 use std::ffi::c_void;
@@ -72,36 +71,20 @@ extern "C" fn ahead(data: *mut c_void, later: f64, arrays: *const *mut f64) -> i
 }
 
 fn now(index: i64) -> RideStep {
-    RideStep {
-        time: STEP * index as f64,
-        delta_t: STEP,
-        end_time: f64::INFINITY,
-        shown: 0.0,
-
-        index,
-        name: null(),
-        correctors: -1,
-        most_correctors: -1,
-    }
+    ride_step(index, STEP)
 }
 
 /// A ride on a mesh, with what it is given.
 struct Riding<'a> {
+    /// Freed before what it may call.
+    ride: Owned<RideHandle>,
     bench: &'a Bench,
     host: Host,
     back: Box<Back>,
-    ride: *mut RideHandle,
     /// Steps so far.
     index: Cell<i64>,
     /// What is due.
     answer: Cell<RideAnswer>,
-}
-
-impl Drop for Riding<'_> {
-    fn drop(&mut self) {
-        // SAFETY: null, or freed once.
-        timed(|| unsafe { m4gn_ride_free(self.ride) });
-    }
 }
 
 impl Bench {
@@ -127,8 +110,7 @@ impl Bench {
 
     /// The state of a ride, and the number of its arrays.
     fn arrays(host: &Host, odd: Option<Oddity>, weights: &mut [f64]) -> Vec<ArrayData> {
-        let mut arrays = flow_arrays(host).to_vec();
-        arrays.push(array(c"inlet", 2, 3, 1, 1));
+        let mut arrays = flow_and_inlet(host);
         if odd == Some("weights") {
             weights[1] = -1.0;
         }
@@ -168,7 +150,7 @@ impl Bench {
             bench: self,
             host,
             back: Box::new(back),
-            ride: none(),
+            ride: Owned(none(), m4gn_ride_free),
             index: Cell::new(0),
             answer: Cell::default(),
         };
@@ -201,7 +183,7 @@ impl Bench {
         if odd == Some("count") {
             given.n_arrays = -1;
         }
-        let place = unless_mut(odd == Some("null"), &raw mut riding.ride);
+        let place = unless_mut(odd == Some("null"), &raw mut riding.ride.0);
         let text = unless(odd == Some("no settings"), settings.as_ptr());
         let start = now(if odd == Some("time") { 3 } else { 0 });
         let start = unless(odd == Some("no start"), &raw const start);
@@ -212,48 +194,20 @@ impl Bench {
         (ended, riding)
     }
 
-    pub fn ride_new(&self, call: &str, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
-        let (made, session) = self.session_new(None, None);
-        if made.status != 0 {
-            return made;
-        }
-        let (ended, riding) = self.begin(kind_of(call), session, odd, panic);
-        drop(riding);
-        // SAFETY: freed once.
-        timed(|| unsafe { m4gn_session_free(session) });
-        ended
+    pub fn ride_new(&self, call: &str, odd: Option<Oddity>, panic: Option<u32>) -> Tried {
+        let session = made(self.session_new(None, None))?;
+        Ok(self.begin(kind_of(call), session.0, odd, panic).0)
     }
 
-    /// The call that ends a ride.
-    pub fn ride_free(&self, session: Session, panic: impl FnOnce()) -> Ended {
-        let (begun, riding) = self.begin(Kind::Network, session, None, None);
-        match begun.status {
-            0 => self.made(None, || {
-                panic();
-                drop(riding);
-                0
-            }),
-            _ => begun,
-        }
+    /// A ride of a network.
+    pub fn ride(&self, session: Session) -> Result<impl Sized, Ended> {
+        made(self.begin(Kind::Network, session, None, None))
     }
 
     /// A call on a ride that has states, and a state of it on disk.
-    pub fn ride_call(&self, call: &str, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
-        let (made, session) = self.session_new(None, None);
-        if made.status != 0 {
-            return made;
-        }
-        let ended = self.call_of(call, session, odd, panic);
-        // SAFETY: freed once.
-        timed(|| unsafe { m4gn_session_free(session) });
-        ended
-    }
-
-    fn call_of(&self, call: &str, session: Session, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
-        let (made, riding) = self.begin(kind_of(call), session, None, None);
-        if made.status != 0 {
-            return made;
-        }
+    pub fn ride_call(&self, call: &str, odd: Option<Oddity>, panic: Option<u32>) -> Tried {
+        let session = made(self.session_new(None, None))?;
+        let riding = made(self.begin(kind_of(call), session.0, None, None))?;
         let steps = match call {
             "ride_solved" | "ride_save" => STEPS - 1,
             "ride_load" => 0,
@@ -273,10 +227,7 @@ impl Bench {
                 (riding.back(odd, panic), riding.back(None, None))
             }
             "ride_load" => {
-                let (made, other) = self.begin(Kind::Network, session, None, None);
-                if made.status != 0 {
-                    return made;
-                }
+                let other = made(self.begin(Kind::Network, session.0, None, None))?;
                 other.solve(4);
                 other.file("ride_save", None, None);
                 riding.index.set(4);
@@ -288,8 +239,7 @@ impl Bench {
                 (save(odd, panic), save(None, None))
             }
         };
-        drop(riding);
-        self.then(ended, again)
+        Ok(self.then(ended, again))
     }
 }
 
@@ -333,7 +283,7 @@ impl Riding<'_> {
         let mut answer = RideAnswer::default();
         let ended = self.with_state(odd, |state| {
             // SAFETY: a ride of ours; arrays of their lengths, or what the call refuses.
-            self.bench.made(panic, || unsafe { m4gn_ride_solved(self.ride, step, state, &mut answer) })
+            self.bench.made(panic, || unsafe { m4gn_ride_solved(self.ride.0, step, state, &mut answer) })
         });
         match ended.status {
             0 => self.answer.set(answer),
@@ -353,7 +303,7 @@ impl Riding<'_> {
         self.back.status.set(if fails { 2 } else { 0 });
         let mut answer = RideAnswer::default();
         // SAFETY: a ride of ours; arrays of their lengths, or what the call refuses.
-        let ended = self.bench.made(panic, || unsafe { m4gn_ride_stride(self.ride, places, &mut answer) });
+        let ended = self.bench.made(panic, || unsafe { m4gn_ride_stride(self.ride.0, places, &mut answer) });
         self.back.status.set(0);
         if ended.status == 0 {
             self.answer.set(answer);
@@ -366,7 +316,7 @@ impl Riding<'_> {
         self.index.set(self.index.get() + answer.solver_steps);
         let step = now(self.index.get());
         // SAFETY: a ride of ours, and arrays of their lengths.
-        self.with_state(None, |state| unsafe { m4gn_ride_advanced(self.ride, &step, state, &mut answer) });
+        self.with_state(None, |state| unsafe { m4gn_ride_advanced(self.ride.0, &step, state, &mut answer) });
         self.answer.set(answer);
     }
 
@@ -378,7 +328,7 @@ impl Riding<'_> {
         self.with_state(odd, |state| {
             // SAFETY: a ride of ours; arrays of their lengths, or what the call refuses.
             self.bench.made(panic, || unsafe {
-                m4gn_ride_handed_back(self.ride, step, state, &quantity, 1, &mut answer)
+                m4gn_ride_handed_back(self.ride.0, step, state, &quantity, 1, &mut answer)
             })
         })
     }
@@ -392,8 +342,8 @@ impl Riding<'_> {
             // SAFETY: a C string or null, and objects of ours.
             self.bench.made(panic, || unsafe {
                 match call {
-                    "ride_save" => m4gn_ride_save(self.ride, path),
-                    _ => m4gn_ride_load(self.ride, path, &step, state, &mut RideAnswer::default()),
+                    "ride_save" => m4gn_ride_save(self.ride.0, path),
+                    _ => m4gn_ride_load(self.ride.0, path, &step, state, &mut RideAnswer::default()),
                 }
             })
         })

@@ -1,20 +1,18 @@
 //! Sessions and segments.
 
-use crate::calls::{Bench, Ended, Oddity, c, unless, unless_mut, values};
+use crate::calls::{Bench, Ended, Oddity, Owned, TESTS, Tried, c, made, unless, unless_mut, values};
 use crate::host::*;
-use crate::timed;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::ptr::null;
 
 impl Bench {
-    pub fn session_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Session) {
+    pub fn session_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> (Ended, Owned<SessionHandle>) {
         let host = self.host(odd);
         let labels = vec![0; host.mesh.n_cells()];
-        let folder = format!("{}/../../tests", env!("CARGO_MANIFEST_DIR"));
         let model = match odd {
-            Some("model") => format!("{folder}/e2e/solid.safetensors"),
-            _ => format!("{folder}/cabi/small.safetensors"),
+            Some("model") => format!("{TESTS}/e2e/solid.safetensors"),
+            _ => format!("{TESTS}/cabi/small.safetensors"),
         };
         let segments = match odd {
             Some("segments") => json!({ "count": 5 }),
@@ -46,7 +44,7 @@ impl Bench {
         self.session_of(&host, model, &settings, cell_segment, odd, panic)
     }
 
-    /// A session on the host's mesh. One with something odd about it is freed at once.
+    /// A session on the host's mesh.
     pub fn session_of(
         &self,
         host: &Host,
@@ -55,23 +53,17 @@ impl Bench {
         cell_segment: *const i32,
         odd: Option<Oddity>,
         panic: Option<u32>,
-    ) -> (Ended, Session) {
-        let (model, settings) = (open_model(model), options(settings));
-        let mut session = none();
-        let place = unless_mut(odd == Some("null"), &raw mut session);
+    ) -> (Ended, Owned<SessionHandle>) {
+        let (model, settings) = (Owned(open_model(model), m4gn_model_free), options(settings));
+        let mut session = Owned(none(), m4gn_session_free);
+        let place = unless_mut(odd == Some("null"), &raw mut session.0);
         let mesh = unless(odd == Some("no mesh"), &raw const host.data);
         let given = unless(odd == Some("no options"), settings.as_ptr());
-        let of = if odd == Some("no model") { none() } else { model };
+        let of = if odd == Some("no model") { none() } else { model.0 };
         // SAFETY: arrays of their lengths, or the null pointers and labels that the call refuses.
         let ended = self.made(panic, || unsafe {
             m4gn_session_new(self.world.fortran(), mesh, of, given, cell_segment, place)
         });
-        // SAFETY: freed once.
-        unsafe { m4gn_model_free(model) };
-        if odd.is_some() || panic.is_some() || ended.status != 0 {
-            // SAFETY: null, or a session that is not used again.
-            unsafe { m4gn_session_free(std::mem::replace(&mut session, none())) };
-        }
         (ended, session)
     }
 
@@ -98,37 +90,27 @@ impl Bench {
         self.made(panic, || unsafe { m4gn_session_step(session, cells, boundary, next) })
     }
 
-    pub fn session_step(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
-        let (made, session) = self.session_new(None, None);
-        if made.status != 0 {
-            return made;
-        }
+    pub fn session_step(&self, odd: Option<Oddity>, panic: Option<u32>) -> Tried {
+        let session = made(self.session_new(None, None))?;
         let host = self.host(None);
-        let ended = self.flow_step(session, &host, odd, panic);
-        let again = self.flow_step(session, &host, None, None);
-        // SAFETY: freed once.
-        timed(|| unsafe { m4gn_session_free(session) });
-        self.then(ended, again)
+        let ended = self.flow_step(session.0, &host, odd, panic);
+        let again = self.flow_step(session.0, &host, None, None);
+        Ok(self.then(ended, again))
     }
 
     /// After a step: before one there is nothing that the ranks would have to bring together.
-    pub fn session_outside(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
-        let (made, session) = self.session_new(None, None);
-        if made.status != 0 {
-            return made;
-        }
+    pub fn session_outside(&self, odd: Option<Oddity>, panic: Option<u32>) -> Tried {
+        let session = made(self.session_new(None, None))?;
         let host = self.host(None);
-        self.flow_step(session, &host, None, None);
+        self.flow_step(session.0, &host, None, None);
         let (mut count, mut why) = (0, [0; 200]);
         let place = unless_mut(odd == Some("null"), &raw mut count);
         let size = if odd == Some("size") { -1 } else { 200 };
         // SAFETY: places of their lengths, or what the call refuses.
         let ended =
-            self.made(panic, || unsafe { m4gn_session_outside(session, place, why.as_mut_ptr(), size) });
-        let again = self.flow_step(session, &host, None, None);
-        // SAFETY: freed once.
-        timed(|| unsafe { m4gn_session_free(session) });
-        self.then(ended, again)
+            self.made(panic, || unsafe { m4gn_session_outside(session.0, place, why.as_mut_ptr(), size) });
+        let again = self.flow_step(session.0, &host, None, None);
+        Ok(self.then(ended, again))
     }
 
     pub fn segments_new(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
@@ -146,17 +128,14 @@ impl Bench {
             _ => options(&settings),
         };
         let cell_segment = unless(odd != Some("labels"), labels.as_ptr());
-        let mut segments = none();
-        let place = unless_mut(odd == Some("null"), &raw mut segments);
+        let mut segments = Owned(none(), m4gn_segments_free);
+        let place = unless_mut(odd == Some("null"), &raw mut segments.0);
         let mesh = unless(odd == Some("no mesh"), &raw const host.data);
         let given = unless(odd == Some("no options"), settings.as_ptr());
         // SAFETY: arrays of their lengths, or what the call refuses.
-        let ended = self.made(panic, || unsafe {
+        self.made(panic, || unsafe {
             m4gn_segments_new(self.world.fortran(), mesh, none(), given, cell_segment, place)
-        });
-        // SAFETY: null, or freed once.
-        timed(|| unsafe { m4gn_segments_free(segments) });
-        ended
+        })
     }
 
     pub fn segments_fit(&self, odd: Option<Oddity>, panic: Option<u32>) -> Ended {
@@ -173,19 +152,10 @@ impl Bench {
         let given = unless(odd == Some("no options"), settings.as_ptr());
         let stored = unless(odd == Some("labels"), labels.as_ptr());
         let size = if odd == Some("size") { -1 } else { 200 };
+        let (comm, why) = (self.world.fortran(), why.as_mut_ptr());
         // SAFETY: arrays of their lengths, or what the call refuses.
         self.made(panic, || unsafe {
-            m4gn_segments_fit(
-                self.world.fortran(),
-                mesh,
-                none(),
-                given,
-                stored,
-                null(),
-                place,
-                why.as_mut_ptr(),
-                size,
-            )
+            m4gn_segments_fit(comm, mesh, none(), given, stored, null(), place, why, size)
         })
     }
 }
