@@ -5,6 +5,8 @@
 
 #[path = "mpi_core/checks.rs"]
 mod checks;
+#[path = "samples/matrices.rs"]
+mod matrices;
 #[path = "mpi_core/pairs.rs"]
 mod pairs;
 #[path = "ranks/mod.rs"]
@@ -17,8 +19,7 @@ use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
 use m4gn_model::modal::{ModalOptions, Modes};
 use m4gn_model::{SegmentMethod, SegmentSpec};
-use m4gn_modes::Modal;
-use m4gn_modes::{laplacian_modes, laplacian_reference};
+use m4gn_modes::{Modal, laplacian_modes, laplacian_reference};
 use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use m4gn_structure::graph::Graph;
@@ -59,14 +60,8 @@ fn meshes() -> Vec<(&'static str, Mesh)> {
     ]
 }
 
-/// Ways to deal cells to ranks: runs, one by one (every cell at a rank boundary), and all to the last rank.
-fn deals(n: usize, size: i32) -> Vec<(&'static str, Vec<i32>)> {
-    vec![
-        ("strips", sample::strips(n, size)),
-        ("one by one", (0..n).map(|c| c as i32 % size).collect()),
-        ("all on the last rank", vec![size - 1; n]),
-    ]
-}
+/// Vectors follow residuals (1e-11) divided by gaps of the spectrum.
+const BOUNDS: (f64, f64) = (0.0, 1e-7);
 
 /// The answers on one rank.
 struct Whole {
@@ -108,12 +103,11 @@ fn decompositions(checks: &mut Checks, name: &str, mesh: &Mesh) {
     let Some(expected) = checks.value(Whole::new(mesh), name) else {
         return;
     };
-    if let Some(dense) =
-        checks.value(laplacian_reference(mesh, &Comm::serial(), &ModalOptions::default()), name)
-    {
-        compare_modes(checks, &format!("{name}, dense"), mesh, &expected.modes, &dense);
+    let dense = laplacian_reference(mesh, &Comm::serial(), &ModalOptions::default());
+    if let Some(dense) = checks.value(dense, name) {
+        compare_modes(checks, &format!("{name}, dense"), mesh, &expected.modes, &dense, BOUNDS);
     }
-    for (deal, ranks) in deals(mesh.n_cells(), checks.comm.size()) {
+    for (deal, ranks) in sample::deals(mesh.n_cells(), checks.comm.size()) {
         let name = format!("{name}, {deal}");
         halo(checks, &name, mesh, &ranks);
         whole(checks, &name, mesh, &ranks, &expected);
@@ -229,7 +223,7 @@ fn whole(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32], expected: 
     let Some(modes) = checks.value(modes, name) else {
         return;
     };
-    compare_modes(checks, name, &part, &modes, &expected.modes);
+    compare_modes(checks, name, &part, &modes, &expected.modes, BOUNDS);
     for (spec, expected) in specs(mesh).iter().zip(&expected.segments) {
         let name = format!("{name}, {:?} K = {}", spec.method, spec.count);
         let found = segment(&part, &mut graph, spec, &Modal::default(), &comm, None);
@@ -281,9 +275,8 @@ fn broken_meshes(checks: &mut Checks) {
         let told = matches!(result, Err(Error::OtherRank { .. }));
         checks.that(harmless || mine || told, format!("{name}: class of the error"));
     }
-    let mut graph = match checks.value(Graph::new(&good, &comm), "a whole mesh after broken ones") {
-        Some(graph) => graph,
-        None => return,
+    let Some(mut graph) = checks.value(Graph::new(&good, &comm), "a whole mesh after broken ones") else {
+        return;
     };
     let spec = SegmentSpec { count: 49, ..Default::default() };
     let many = segment(&good, &mut graph, &spec, &Modal::default(), &comm, None);

@@ -8,6 +8,7 @@ mod ranks;
 use m4gn_model::modal::ModalOptions;
 use m4gn_modes::fem::{Fixed, Material, Options, Plane, PointMesh, SolidModes, modes};
 use m4gn_parallel::Comm;
+use m4gn_samples::mesh::deals;
 use m4gn_samples::points as sample;
 use m4gn_samples::points::{Flat, Kind};
 use ranks::Checks;
@@ -89,15 +90,6 @@ fn bodies() -> Vec<Body> {
         options: Options { free_body: true, ..first(9) },
     });
     list
-}
-
-/// Ways to deal cells to ranks: runs, one by one (every cell at a rank boundary), and all to the last rank.
-fn deals(n: usize, size: i32) -> Vec<(&'static str, Vec<i32>)> {
-    vec![
-        ("runs", (0..n).map(|c| (c * size as usize / n) as i32).collect()),
-        ("one by one", (0..n).map(|c| c as i32 % size).collect()),
-        ("all on the last rank", vec![size - 1; n]),
-    ]
 }
 
 /// This rank's part of a body; a held point is named by the rank of one cell only, not by all that share it.

@@ -1,5 +1,7 @@
 mod convergence;
 mod elastic;
 mod laplacian;
+#[path = "../../tests/samples/matrices.rs"]
+mod matrices;
 mod options;
 mod pairs;

@@ -1,6 +1,7 @@
 //! Pairs of matrices and the ways to their modes, on several ranks.
 
-use crate::checks::Checks;
+use crate::checks::{Checks, compare_modes};
+use crate::matrices::{self, problem};
 use m4gn_base::{Error, Result};
 use m4gn_model::modal::{ModalOptions, ModalSolver, Modes};
 use m4gn_modes::{Mass, Problem, Rows, laplacian_modes, solve};
@@ -8,38 +9,12 @@ use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use std::f64::consts::PI;
 
-/// Rank `rank` of `size`'s rows of a matrix of constant bands, the same for each of `block` unknowns of a point.
-/// The last rank has no point where there is more than one.
-fn bands(comm: &Comm, points: i64, band: [f64; 3], block: i64) -> Rows {
+/// This rank's rows of a matrix of constant bands, the same for each of `block` unknowns of a point. The last rank has no point where
+/// there is more than one.
+fn bands(comm: &Comm, points: i64, band: [f64; 3], block: usize) -> Rows {
     let ranks = i64::from(comm.size() - 1).max(1);
-    let first = |r: i64| points * r.min(ranks) / ranks;
-    let rank = i64::from(comm.rank());
-    let mut rows = Rows { row: vec![0], ..Default::default() };
-    for i in first(rank)..first(rank + 1) {
-        for c in 0..block {
-            for (j, b) in (i - 1..=i + 1).zip(band) {
-                if (0..points).contains(&j) {
-                    rows.column.push(j * block + c);
-                    rows.value.push(b);
-                }
-            }
-            rows.row.push(rows.column.len());
-        }
-    }
-    rows
-}
-
-fn pair(stiffness: Rows, mass: Option<Rows>, block: usize) -> Problem {
-    Problem {
-        mass: match mass {
-            Some(rows) => Mass::Matrix(rows),
-            None => Mass::Diagonal(vec![1.0; stiffness.n()]),
-        },
-        stiffness,
-        block,
-        positions: Vec::new(),
-        shift: None,
-    }
+    let first = |r: i32| points * i64::from(r).min(ranks) / ranks;
+    matrices::bands(first(comm.rank())..first(comm.rank() + 1), points, band, &vec![1.0; block])
 }
 
 /// All that is checked here.
@@ -73,12 +48,12 @@ fn on_paper(checks: &mut Checks, comm: &Comm, n: i64) {
         bands(comm, n, [h / 6.0, 4.0 * h / 6.0, h / 6.0], 1),
     );
     let exact = [1.0, 2.0, 3.0, 4.0].map(|k| 6.0 / (h * h) * (1.0 - cos(k)) / (2.0 + cos(k)));
-    let found = solve(&pair(k, Some(m), 1), comm, &options);
+    let found = solve(&problem(k, Some(m)), comm, &options);
     expect(checks, &format!("bar of {n}"), found, &exact, 1e-8);
 
     let exact = |k: f64| 2.0 - 2.0 * cos(k);
     let k = bands(comm, n, [-1.0, 2.0, -1.0], 2);
-    let found = solve(&pair(k, None, 2), comm, &ModalOptions::fixed(3));
+    let found = solve(&Problem { block: 2, ..problem(k, None) }, comm, &ModalOptions::fixed(3));
     expect(checks, &format!("two chains of {n}"), found, &[1.0, 1.0, 2.0, 2.0].map(exact), 1e-7);
 }
 
@@ -106,14 +81,7 @@ fn ways(checks: &mut Checks) {
             let Some(found) = checks.value(found, &name) else {
                 continue;
             };
-            checks
-                .that(found.eigenvalues.len() == whole.eigenvalues.len(), format!("{name}: number of modes"));
-            for (i, (x, y)) in found.eigenvalues.iter().zip(&whole.eigenvalues).enumerate() {
-                checks.that((x - y).abs() <= 1e-8 * y.abs().max(1e-2), format!("{name}: {x}, serial {y}"));
-                let off = part.cell_global.iter().zip(&found.vectors[i]);
-                let off = off.map(|(&g, v)| (v - whole.vectors[i][g as usize]).abs()).fold(0.0, f64::max);
-                checks.that(off < 1e-6, format!("{name}: mode {i} differs by {off:e}"));
-            }
+            compare_modes(checks, &name, &part, &found, &whole, (1e-2, 1e-6));
         }
     }
 }
@@ -131,7 +99,7 @@ fn copies(checks: &mut Checks) {
                 }
             }
         }
-        let found = solve(&pair(k, None, 1), comm, &ModalOptions::fixed(1));
+        let found = solve(&problem(k, None), comm, &ModalOptions::fixed(1));
         (first as usize, found)
     };
     let comm = checks.comm.clone();
@@ -153,7 +121,7 @@ fn copies(checks: &mut Checks) {
 fn refusals(checks: &mut Checks) {
     let comm = checks.comm.clone();
     let first = comm.is_root();
-    let good = || pair(bands(&comm, 150, [-1.0, 2.0, -1.0], 1), None, 1);
+    let good = || problem(bands(&comm, 150, [-1.0, 2.0, -1.0], 1), None);
     type Damage = fn(&mut Problem);
     let damages: [(&str, Damage); 5] = [
         ("a value that is none", |p| p.stiffness.value[2] = f64::NAN),

@@ -165,6 +165,15 @@ pub fn strips(n_cells: usize, size: i32) -> Vec<i32> {
     (0..n_cells).map(|c| (c * size as usize / n_cells) as i32).collect()
 }
 
+/// Ways to deal cells to ranks: strips, one by one (every cell at a rank boundary), and all to the last rank.
+pub fn deals(n: usize, size: i32) -> Vec<(&'static str, Vec<i32>)> {
+    vec![
+        ("strips", strips(n, size)),
+        ("one by one", (0..n).map(|c| c as i32 % size).collect()),
+        ("all on the last rank", vec![size - 1; n]),
+    ]
+}
+
 /// The part of an undecomposed mesh that rank `rank` has, when cell c belongs to rank `ranks[c]`.
 pub fn part(mesh: &Mesh, ranks: &[i32], rank: i32) -> Mesh {
     let mut local = vec![-1i32; mesh.n_cells()];

@@ -1,37 +1,23 @@
 //! General pairs of matrices with eigenvalues known on paper, by the dense and by the sparse solver.
 
 use super::super::*;
+use super::matrices::{self, problem};
 use m4gn_base::Error;
 use m4gn_model::modal::ModalSolver;
 use std::f64::consts::PI;
 
-/// A matrix of constant bands below, on and above the diagonal, one such band matrix for each unknown of a point.
 fn bands(points: usize, band: [f64; 3], weight: &[f64]) -> Rows {
-    let mut rows = Rows { row: vec![0], ..Default::default() };
-    for i in 0..points as i64 {
-        for (c, w) in weight.iter().enumerate() {
-            for (j, b) in (i - 1..=i + 1).zip(band) {
-                if (0..points as i64).contains(&j) && b != 0.0 {
-                    rows.column.push(j * weight.len() as i64 + c as i64);
-                    rows.value.push(b * w);
-                }
-            }
-            rows.row.push(rows.column.len());
-        }
-    }
-    rows
+    matrices::bands(0..points as i64, points as i64, band, weight)
 }
 
-fn problem(stiffness: Rows, mass: Option<Rows>) -> Problem {
-    Problem {
-        mass: match mass {
-            Some(rows) => Mass::Matrix(rows),
-            None => Mass::Diagonal(vec![1.0; stiffness.n()]),
-        },
-        stiffness,
-        block: 1,
-        positions: Vec::new(),
-        shift: None,
+/// Nothing but zeros in row 20 and its column, and this on the diagonal.
+fn alone(rows: &mut Rows, diagonal: f64) {
+    for e in 0..rows.value.len() {
+        match ((rows.row[20]..rows.row[21]).contains(&e), rows.column[e] == 20) {
+            (true, true) => rows.value[e] = diagonal,
+            (false, false) => {}
+            _ => rows.value[e] = 0.0,
+        }
     }
 }
 
@@ -159,12 +145,7 @@ fn wrong_pairs_are_refused() {
     // A row of zeros in both.
     for n in [40, 140] {
         let mut bad = problem(bands(n, [-1.0, 2.0, -1.0], &[1.0]), None);
-        for e in 0..bad.stiffness.value.len() {
-            let in_row = (bad.stiffness.row[20]..bad.stiffness.row[21]).contains(&e);
-            if in_row || bad.stiffness.column[e] == 20 {
-                bad.stiffness.value[e] = 0.0;
-            }
-        }
+        alone(&mut bad.stiffness, 0.0);
         if let Mass::Diagonal(m) = &mut bad.mass {
             m[20] = 0.0;
         }
@@ -192,16 +173,10 @@ fn indefinite_pairs_are_refused_at_any_size() {
             m.value[own] = 0.0;
         }
         let inside = Problem { shift: Some(1.01), ..good() };
-        // A row of its own.
-        let mut alone = bands(n, [-1.0, 2.0, -1.0], &[1.0]);
-        for e in 0..alone.value.len() {
-            let own = (alone.row[20]..alone.row[21]).contains(&e);
-            if own || alone.column[e] == 20 {
-                alone.value[e] = if own && alone.column[e] == 20 { -0.01 } else { 0.0 };
-            }
-        }
+        let mut far = bands(n, [-1.0, 2.0, -1.0], &[1.0]);
+        alone(&mut far, -0.01);
         for (name, bad, word) in [
-            ("one eigenvalue far below", negative(alone), "shift below"),
+            ("one eigenvalue far below", negative(far), "shift below"),
             ("K - 0.5 I", negative(bands(n, [-1.0, 1.5, -1.0], &[1.0])), "shift below"),
             ("-K", negative(bands(n, [1.0, -2.0, 1.0], &[1.0])), "shift below"),
             ("a shift inside of the spectrum", inside, "shift below"),
