@@ -16,6 +16,7 @@ use crate::{Mass, Problem, Request, Rows};
 use m4gn_base::plugin::{Description, Plugin};
 use m4gn_base::{Error, Result};
 use m4gn_parallel::Comm;
+use std::borrow::Cow;
 use std::ffi::c_void;
 use std::sync::OnceLock;
 
@@ -102,7 +103,7 @@ struct Host<'a> {
 ///
 /// # Errors
 /// [`Error::File`] where the library is not found; what the library reports.
-pub(crate) fn eigenpairs(comm: &Comm, problem: &mut ProblemRef, request: &Request) -> Result<Vec<Pair>> {
+pub(crate) fn eigenpairs(comm: &Comm, problem: &mut Cow<Problem>, request: &Request) -> Result<Vec<Pair>> {
     let prepared = library().and_then(|library| {
         // SAFETY: the type is that of the interface.
         let call = unsafe { library.function::<Eigenpairs>("m4gn_slepc_eigenpairs")? };
@@ -112,53 +113,34 @@ pub(crate) fn eigenpairs(comm: &Comm, problem: &mut ProblemRef, request: &Reques
     // PETSc needs MPI on a rank alone too, and whoever starts MPI ends it.
     comm.agree(m4gn_parallel::start())?;
     announce_end();
-    let raw = {
-        let problem = problem.get();
-        RawProblem {
-            comm: comm.fortran(),
-            block: request.block,
-            stiffness: raw_rows(&problem.stiffness),
-            mass: match &problem.mass {
-                Mass::Matrix(rows) => raw_rows(rows),
-                Mass::Diagonal(_) => raw_rows(&Rows::default()),
-            },
-            mass_diagonal: match &problem.mass {
-                Mass::Diagonal(values) => values.as_ptr(),
-                Mass::Matrix(_) => std::ptr::null(),
-            },
-            shift: request.shift,
-            wanted: request.wanted,
-            solver: request.options.solver as i32,
+    let raw = RawProblem {
+        comm: comm.fortran(),
+        block: request.block,
+        stiffness: raw_rows(&problem.stiffness),
+        mass: match &problem.mass {
+            Mass::Matrix(rows) => raw_rows(rows),
+            Mass::Diagonal(_) => raw_rows(&Rows::default()),
+        },
+        mass_diagonal: match &problem.mass {
+            Mass::Diagonal(values) => values.as_ptr(),
+            Mass::Matrix(_) => std::ptr::null(),
+        },
+        shift: request.shift,
+        wanted: request.wanted,
+        solver: request.options.solver as i32,
+    };
+    // A factor needs the room of a matrix that is owned.
+    let mut release = || {
+        if let Cow::Owned(problem) = problem {
+            problem.stiffness = Rows::default();
         }
     };
-    let mut release = || problem.release();
     let mut host = Host { request, release: &mut release, pairs: Vec::new() };
     let calls = RawHost { context: (&raw mut host).cast(), copied, taken, pair };
     // SAFETY: all pointers live through the call, but those of the stiffness, which live until `copied` is called.
     let status = unsafe { call(&raw, &calls) };
     library.check(status)?;
     Ok(host.pairs)
-}
-
-/// The problem, given back piece by piece where it is owned: a factor needs the room.
-pub(crate) enum ProblemRef<'a> {
-    Borrowed(&'a Problem),
-    Owned(&'a mut Problem),
-}
-
-impl ProblemRef<'_> {
-    fn get(&self) -> &Problem {
-        match self {
-            ProblemRef::Borrowed(p) => p,
-            ProblemRef::Owned(p) => p,
-        }
-    }
-
-    fn release(&mut self) {
-        if let ProblemRef::Owned(p) = self {
-            p.stiffness = Rows::default();
-        }
-    }
 }
 
 /// Has PETSc ended before MPI.
@@ -208,7 +190,7 @@ extern "C" fn pair(context: *mut c_void, value: f64, x: *const f64, mx: *const f
 
 /// # Safety
 /// `n` values at `data`, or none.
-unsafe fn slice<'a>(data: *const f64, n: usize) -> &'a [f64] {
+pub unsafe fn slice<'a, T>(data: *const T, n: usize) -> &'a [T] {
     match n {
         0 => &[],
         // SAFETY: as promised.

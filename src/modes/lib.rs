@@ -24,7 +24,6 @@ mod select;
 
 pub use problem::{Mass, Problem, Rows};
 
-use eigen::ProblemRef;
 use frame::Frame;
 use m4gn_base::{Error, Result, refuse};
 use m4gn_mesh::body::Body;
@@ -208,11 +207,7 @@ impl<'a> Solution<'a> {
                 taken: &taken,
                 options: self.options,
             };
-            let mut problem = match &mut self.problem {
-                Cow::Owned(problem) => ProblemRef::Owned(problem),
-                Cow::Borrowed(problem) => ProblemRef::Borrowed(problem),
-            };
-            eigen::eigenpairs(comm, &mut problem, &request)?
+            eigen::eigenpairs(comm, &mut self.problem, &request)?
         };
         let count = comm.agree(select::count(&pairs, wanted, zero))?;
         pairs.truncate(count);
