@@ -59,7 +59,8 @@ fn flatten(theta: &[f64], vectors: MatRef<f64>, m: &Mat<f64>, shift: f64) -> Vec
     let weighted = m * vectors;
     let mut flat = Vec::with_capacity(order.len() * (1 + 2 * n));
     for i in order {
-        gathered::push(&mut flat, shift + 1.0 / theta[i], vectors.col(i).iter(), weighted.col(i).iter());
+        flat.push(shift + 1.0 / theta[i]);
+        flat.extend(vectors.col(i).iter().chain(weighted.col(i).iter()));
     }
     flat
 }

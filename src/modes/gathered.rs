@@ -69,19 +69,7 @@ fn rows(rows: &Rows, comm: &Comm) -> Option<Vec<Triplet>> {
     Some(all)
 }
 
-/// Appends an eigenpair to the list that [`share`] hands out.
-pub(super) fn push<'a>(
-    flat: &mut Vec<f64>,
-    value: f64,
-    vector: impl Iterator<Item = &'a f64>,
-    weighted: impl Iterator<Item = &'a f64>,
-) {
-    flat.push(value);
-    flat.extend(vector);
-    flat.extend(weighted);
-}
-
-/// Every rank's part of the root's eigenpairs. Collective.
+/// Every rank's part of the root's eigenpairs: value, vector, and M times it, one after the other. Collective.
 pub(super) fn share(problem: &Problem, comm: &Comm, solved: Result<Vec<f64>>) -> Result<Vec<Pair>> {
     let mut flat = comm.agree(solved)?;
     comm.broadcast(&mut flat);
