@@ -40,6 +40,16 @@ pub enum Mass {
     Matrix(Rows),
 }
 
+impl Mass {
+    /// All entries of this rank.
+    pub(super) fn values(&self) -> &[f64] {
+        match self {
+            Mass::Diagonal(values) => values,
+            Mass::Matrix(rows) => &rows.value,
+        }
+    }
+}
+
 /// K phi = lambda M phi on this rank; both are symmetric.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Problem {
@@ -164,11 +174,7 @@ impl Problem {
         let mut size = [ratios().filter(|r| *r <= plain).fold(0.0, f64::max)];
         comm.max_f64(&mut size);
         let most = |values: &[f64]| values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-        let mass = match &self.mass {
-            Mass::Diagonal(values) => values,
-            Mass::Matrix(rows) => &rows.value,
-        };
-        let mut sizes = [most(&self.stiffness.value), most(mass)];
+        let mut sizes = [most(&self.stiffness.value), most(self.mass.values())];
         comm.max_f64(&mut sizes);
         let named = [
             ("the largest entry of K", sizes[0]),
@@ -211,10 +217,7 @@ impl Problem {
     /// phi^T M phi of a pair, is not positive, M makes no scale: it is
     /// then replaced by 1 in the pairs. `total` unknowns of all ranks. Collective.
     pub(super) fn scale(&self, total: usize, comm: &Comm, pairs: &mut [Pair]) -> f64 {
-        let mut sums = vec![match &self.mass {
-            Mass::Diagonal(values) => values.iter().sum::<f64>(),
-            Mass::Matrix(rows) => rows.value.iter().sum(),
-        }];
+        let mut sums = vec![self.mass.values().iter().sum::<f64>()];
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
         for p in pairs.iter() {
             sums.extend([

@@ -117,16 +117,7 @@ impl PointMesh {
 
     /// Points of each cell, ascending.
     pub fn cell_points(&self) -> Vec<Vec<usize>> {
-        self.cell_faces()
-            .into_iter()
-            .map(|faces| {
-                let around = faces.iter().flat_map(|&(f, _)| self.face(f));
-                let mut points: Vec<usize> = around.map(|&p| p as usize).collect();
-                points.sort_unstable();
-                points.dedup();
-                points
-            })
-            .collect()
+        self.polyhedra().into_iter().map(|cell| cell.points).collect()
     }
 
     /// Faces of each cell, and whether the face's normal leaves it.

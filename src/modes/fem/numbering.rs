@@ -2,6 +2,7 @@
 
 use super::mesh::PointMesh;
 use m4gn_base::{Error, Result, refuse_any};
+use m4gn_mesh::Extent;
 use m4gn_parallel::Comm;
 
 /// Numbers of the points that carry unknowns.
@@ -34,13 +35,10 @@ impl Numbering {
             }
         }
         let lonely = owner.iter().position(|&o| o < 0).filter(|_| !paired);
-        comm.agree(match lonely {
-            Some(at) => Err(Error::Mesh(format!(
-                "the point with global number {} belongs to no cell: remove it from the mesh",
-                directory.first_kept + at as i64
-            ))),
-            None => Ok(()),
-        })?;
+        comm.agree(refuse_any(lonely, Error::Mesh, |at| {
+            let number = directory.first_kept + at as i64;
+            format!("the point with global number {number} belongs to no cell: remove it from the mesh")
+        }))?;
         let owners = directory.reply(comm, &mesh.point_global, &holders, &owner);
         let rank = comm.rank() as usize;
         let owned: Vec<usize> = (0..owners.len()).filter(|&p| owners[p] == rank as i64).collect();
@@ -165,15 +163,8 @@ impl Directory {
         }
         let places = comm.all_to_all(&places);
         let numbers = self.send(comm, &mesh.point_global, |_| 0);
-        let mut extent = [f64::NEG_INFINITY; 6];
-        for x in &mesh.points {
-            for d in 0..3 {
-                extent[d] = extent[d].max(x[d]);
-                extent[3 + d] = extent[3 + d].max(-x[d]);
-            }
-        }
-        comm.max_f64(&mut extent);
-        let tolerance = 1e-8 * (0..3).map(|d| extent[d] + extent[3 + d]).fold(0.0, f64::max);
+        let Extent { low, high } = Extent::around(mesh.points.iter(), comm);
+        let tolerance = 1e-8 * (0..3).map(|d| high[d] - low[d]).fold(0.0, f64::max);
         let mut seen: Vec<Option<(usize, [f64; 3])>> = vec![None; self.n_kept];
         let mut problem = None;
         for (rank, (list, x)) in numbers.iter().zip(&places).enumerate() {
@@ -200,7 +191,7 @@ impl Directory {
                 self.first_kept + at as i64
             ));
         }
-        comm.agree(problem.map_or(Ok(()), |p| Err(Error::Mesh(p))))
+        comm.agree(refuse_any(problem, Error::Mesh, |p| p))
     }
 
     /// Sends a value for each local point to its keeper: from each rank (place in the block, value).

@@ -2,6 +2,7 @@
 
 use super::mesh::{Cell, PointMesh};
 use m4gn_base::{Error, Result};
+use m4gn_mesh::vector::{cross, sub};
 
 /// A 2-D mesh seen from the third direction.
 pub(super) struct Section {
@@ -91,19 +92,9 @@ pub(super) fn section(mesh: &PointMesh) -> Result<Section> {
 
 /// Area vector of a face, m^2.
 fn area(mesh: &PointMesh, f: usize) -> [f64; 3] {
-    let points = mesh.face(f);
-    let x = |k: usize| mesh.points[points[k % points.len()] as usize];
-    let origin = x(0);
-    let mut sum = [0.0; 3];
-    for k in 1..points.len() - 1 {
-        let (a, b) = (x(k), x(k + 1));
-        let (a, b) = ([0, 1, 2].map(|d| a[d] - origin[d]), [0, 1, 2].map(|d| b[d] - origin[d]));
-        for (d, total) in sum.iter_mut().enumerate() {
-            let (e, f) = ((d + 1) % 3, (d + 2) % 3);
-            *total += 0.5 * (a[e] * b[f] - a[f] * b[e]);
-        }
-    }
-    sum
+    let x: Vec<[f64; 3]> = mesh.face(f).iter().map(|&p| mesh.points[p as usize]).collect();
+    let triangle = |side: &[[f64; 3]]| cross(sub(side[0], x[0]), sub(side[1], x[0]));
+    x[1..].windows(2).map(triangle).fold([0.0; 3], |sum, n| [0, 1, 2].map(|d| sum[d] + 0.5 * n[d]))
 }
 
 fn signed_area(mesh: &PointMesh, points: &[usize], i: usize, j: usize) -> f64 {

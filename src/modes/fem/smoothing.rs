@@ -17,9 +17,10 @@
 
 use super::mesh::Cell;
 use super::numbering::Numbering;
-use super::strain::{Strain, Term, send};
+use super::strain::{Strain, Term, send, take};
 use super::volume::Shares;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse_any};
+use m4gn_mesh::vector::{cross, dot, sub};
 use m4gn_parallel::Comm;
 
 /// Share of the edges' strains in the energy; the cells' have the rest.
@@ -155,9 +156,7 @@ impl Term for Domain {
     }
 
     fn from_parts(points: Vec<i64>, values: &mut &[f64]) -> Self {
-        let (head, rest) = values.split_at(5);
-        let (gradients, rest) = rest.split_at(3 * points.len());
-        *values = rest;
+        let (head, gradients) = (take(values, 5), take(values, 3 * points.len()));
         Domain {
             key: [head[0] as i64, head[1] as i64],
             moduli: [head[2], head[3]],
@@ -229,9 +228,8 @@ fn parts(number: usize, cell: &Cell, x: &[[f64; 3]]) -> Result<Parts> {
         for i in 0..sides {
             let (a, b) = (face[i], face[(i + 1) % face.len()]);
             // Each vertex of the tetrahedron as a mean of the cell's points.
-            let mut means: Vec<&[usize]> = vec![&all, face, std::slice::from_ref(&face[i])];
-            let last = [b];
-            means.push(&last);
+            let ends = [a, b];
+            let mut means: Vec<&[usize]> = vec![&all, face, &ends[..1], &ends[1..]];
             let mut corners = vec![centre, middle(face), position(a), position(b)];
             if !solid {
                 means.remove(1);
@@ -257,17 +255,14 @@ fn parts(number: usize, cell: &Cell, x: &[[f64; 3]]) -> Result<Parts> {
         }
     }
     let bad = parts.volume.iter().position(|&v| !(v > 0.0 && v.is_finite()));
-    match bad {
-        None => Ok(parts),
-        Some(e) => {
-            let [a, b] = parts.edges[e].map(|p| cell.points[p]);
-            Err(Error::Mesh(format!(
-                "cell {number} at {centre:?} is inverted, flat or folded: the volume between its middle and the edge \
-                 of points {a} and {b} is {}, expected a positive one; run checkMesh",
-                parts.volume[e]
-            )))
-        }
-    }
+    refuse_any(bad, Error::Mesh, |e| {
+        let ([a, b], volume) = (parts.edges[e].map(|p| cell.points[p]), parts.volume[e]);
+        format!(
+            "cell {number} at {centre:?} is inverted, flat or folded: the volume between its middle and the edge of points {a} \
+             and {b} is {volume}, expected a positive one; run checkMesh"
+        )
+    })?;
+    Ok(parts)
 }
 
 /// Adds the mass of a tetrahedron (triangle) with linear shape functions, volume / 20 (1 + delta) (/ 12).
@@ -294,7 +289,7 @@ fn add_mass(mass: &mut [f64], n: usize, means: &[&[usize]], volume: f64) {
 /// Volume of a tetrahedron, or area of a triangle in x and y, and volume times the gradient of each vertex's shape
 /// function.
 fn simplex(x: &[[f64; 3]]) -> (f64, Vec<[f64; 3]>) {
-    let from = |i: usize| [0, 1, 2].map(|d| x[i][d] - x[0][d]);
+    let from = |i: usize| sub(x[i], x[0]);
     let mut slopes = vec![[0.0; 3]; x.len()];
     let volume;
     if let [_, _, _] = x {
@@ -304,16 +299,12 @@ fn simplex(x: &[[f64; 3]]) -> (f64, Vec<[f64; 3]>) {
         slopes[2] = [-0.5 * a[1], 0.5 * a[0], 0.0];
     } else {
         let (a, b, c) = (from(1), from(2), from(3));
-        slopes[1] = cross(&b, &c).map(|v| v / 6.0);
-        slopes[2] = cross(&c, &a).map(|v| v / 6.0);
-        slopes[3] = cross(&a, &b).map(|v| v / 6.0);
-        volume = (0..3).map(|d| a[d] * slopes[1][d]).sum();
+        slopes[1] = cross(b, c).map(|v| v / 6.0);
+        slopes[2] = cross(c, a).map(|v| v / 6.0);
+        slopes[3] = cross(a, b).map(|v| v / 6.0);
+        volume = dot(a, slopes[1]);
     }
     let all = sum(slopes.iter().copied());
     slopes[0] = all.map(|v| -v);
     (volume, slopes)
-}
-
-fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }

@@ -38,7 +38,7 @@ pub(super) trait Term: Sized {
     fn from_parts(points: Vec<i64>, values: &mut &[f64]) -> Self;
 }
 
-fn take<'a>(values: &mut &'a [f64], n: usize) -> &'a [f64] {
+pub(super) fn take<'a>(values: &mut &'a [f64], n: usize) -> &'a [f64] {
     let (head, tail) = values.split_at(n);
     *values = tail;
     head
