@@ -14,12 +14,9 @@ pub fn block(n: [usize; 3], l: Vector) -> Body {
     for k in 0..=n[2] {
         for j in 0..=n[1] {
             for i in 0..=n[0] {
-                positions.push([i, j, k].map(|v| v as f64));
+                positions.push([0, 1, 2].map(|d| [i, j, k][d] as f64 * l[d] / n[d] as f64));
             }
         }
-    }
-    for x in &mut positions {
-        *x = std::array::from_fn(|d| x[d] * l[d] / n[d] as f64);
     }
     let mut points = Vec::new();
     for k in 0..n[2] {

@@ -1,5 +1,6 @@
 //! Sample meshes by points with answers known on paper: blocks of any cells, 2-D rectangles, and decompositions.
 
+use m4gn_mesh::elements::ElementKind;
 use m4gn_modes::fem::PointMesh;
 use std::collections::HashMap;
 
@@ -55,86 +56,50 @@ pub fn block(kind: Kind, n: [usize; 3], l: [f64; 3]) -> PointMesh {
         let (flat, polygons) = honeycomb(n[0], n[1], l[0], l[1]);
         return extrude(&flat, &polygons, n[2], l[2]);
     }
-    let at = |i: usize, j: usize, k: usize| i + (n[0] + 1) * (j + (n[1] + 1) * k);
-    let mut points = Vec::new();
-    for k in 0..=n[2] {
-        for j in 0..=n[1] {
-            for i in 0..=n[0] {
-                points.push([(i, 0), (j, 1), (k, 2)].map(|(c, d)| l[d] * c as f64 / n[d] as f64));
-            }
-        }
-    }
-    let mut cells = Vec::new();
-    for k in 0..n[2] {
-        for j in 0..n[1] {
-            for i in 0..n[0] {
-                let (a, b) = (k, k + 1);
-                let brick = [
-                    at(i, j, a),
-                    at(i + 1, j, a),
-                    at(i + 1, j + 1, a),
-                    at(i, j + 1, a),
-                    at(i, j, b),
-                    at(i + 1, j, b),
-                    at(i + 1, j + 1, b),
-                    at(i, j + 1, b),
-                ];
-                cells.extend(cut(kind, &brick, &mut points));
-            }
-        }
+    let bricks = m4gn_samples::bodies::block(n, l);
+    let (mut points, mut cells) = (bricks.positions, Vec::new());
+    for e in 0..bricks.elements.len() {
+        let brick: Vec<usize> = bricks.elements.points_of(e).iter().map(|&p| p as usize).collect();
+        cells.extend(cut(kind, &brick, &mut points));
     }
     PointMesh::from_cells(points, &cells)
 }
 
-const BRICK: [[usize; 4]; 6] =
-    [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]];
-
-fn cut(kind: Kind, brick: &[usize; 8], points: &mut Vec<[f64; 3]>) -> Vec<Vec<Vec<usize>>> {
-    let pick = |faces: &[&[usize]], corners: &[usize]| -> Vec<Vec<usize>> {
-        faces.iter().map(|f| f.iter().map(|&i| brick[corners[i]]).collect()).collect()
-    };
-    const WEDGE: [&[usize]; 5] = [&[0, 2, 1], &[3, 4, 5], &[0, 1, 4, 3], &[1, 2, 5, 4], &[2, 0, 3, 5]];
-    const TETRAHEDRON: [&[usize]; 4] = [&[0, 2, 1], &[0, 1, 3], &[1, 2, 3], &[2, 0, 3]];
-    match kind {
-        Kind::WedgesAlong => {
-            [[0, 3, 7, 1, 2, 6], [0, 7, 4, 1, 6, 5]].iter().map(|w| pick(&WEDGE, w)).collect()
-        }
-        Kind::WedgesAcross => {
-            [[0, 1, 2, 4, 5, 6], [0, 2, 3, 4, 6, 7]].iter().map(|w| pick(&WEDGE, w)).collect()
-        }
-        Kind::Tetrahedra => {
-            [[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]]
-                .iter()
-                .map(|t| pick(&TETRAHEDRON, t))
-                .collect()
-        }
+/// The faces of the cells of a brick.
+fn cut(kind: Kind, brick: &[usize], points: &mut Vec<[f64; 3]>) -> Vec<Vec<Vec<usize>>> {
+    let bases = ElementKind::Hexahedron.sides();
+    let (element, cells): (ElementKind, &[&[usize]]) = match kind {
+        Kind::WedgesAlong => (ElementKind::Wedge, &[&[0, 3, 7, 1, 2, 6], &[0, 7, 4, 1, 6, 5]]),
+        Kind::WedgesAcross => (ElementKind::Wedge, &[&[0, 1, 2, 4, 5, 6], &[0, 2, 3, 4, 6, 7]]),
+        Kind::Tetrahedra => (
+            ElementKind::Tetrahedron,
+            &[&[0, 1, 2, 6], &[0, 2, 3, 6], &[0, 3, 7, 6], &[0, 7, 4, 6], &[0, 4, 5, 6], &[0, 5, 1, 6]],
+        ),
         Kind::Pyramids => {
-            let middle = points.len();
             points.push([0, 1, 2].map(|d| brick.iter().map(|&p| points[p][d]).sum::<f64>() / 8.0));
-            BRICK
-                .iter()
-                .map(|f| {
-                    let base: Vec<usize> = f.iter().map(|&i| brick[i]).collect();
-                    let sides = (0..4).map(|i| vec![base[(i + 1) % 4], base[i], middle]);
-                    let mut faces: Vec<Vec<usize>> = sides.collect();
-                    faces.push(base);
-                    faces
-                })
-                .collect()
+            (ElementKind::Pyramid, bases)
         }
-        _ => vec![BRICK.iter().map(|f| f.iter().map(|&i| brick[i]).collect()).collect()],
-    }
+        _ => (ElementKind::Hexahedron, &[&[0, 1, 2, 3, 4, 5, 6, 7]]),
+    };
+    let faces = |cell: &&[usize]| {
+        let mut corners: Vec<usize> = cell.iter().map(|&i| brick[i]).collect();
+        if kind == Kind::Pyramids {
+            corners.reverse();
+            corners.push(points.len() - 1);
+        }
+        element.sides().iter().map(|f| f.iter().map(|&i| corners[i]).collect()).collect()
+    };
+    cells.iter().map(faces).collect()
 }
 
 /// `nx x ny` polygons on `[0, lx] x [0, ly]`, one cell thick (0.1 of the lower length) in z.
 pub fn rectangle(kind: Flat, nx: usize, ny: usize, lx: f64, ly: f64) -> PointMesh {
-    let mut mesh = match kind {
-        Flat::Quadrilaterals => block(Kind::Hexahedra, [nx, ny, 1], [lx, ly, 0.1 * lx.min(ly)]),
-        Flat::Triangles => block(Kind::WedgesAcross, [nx, ny, 1], [lx, ly, 0.1 * lx.min(ly)]),
-        Flat::Polygons => block(Kind::Polyhedra, [nx, ny, 1], [lx, ly, 0.1 * lx.min(ly)]),
+    let cells = match kind {
+        Flat::Quadrilaterals => Kind::Hexahedra,
+        Flat::Triangles => Kind::WedgesAcross,
+        Flat::Polygons => Kind::Polyhedra,
     };
-    mesh.directions = vec![0, 1];
-    mesh
+    PointMesh { directions: vec![0, 1], ..block(cells, [nx, ny, 1], [lx, ly, 0.1 * lx.min(ly)]) }
 }
 
 /// Rows of bricks, every second row moved by half a brick, in 2-D: sides between rows have a point in their middle, so

@@ -2,6 +2,7 @@
 
 use super::PointMesh;
 use super::*;
+use m4gn_mesh::elements::ElementKind;
 
 #[derive(serde::Deserialize)]
 struct Case {
@@ -15,11 +16,6 @@ struct Case {
     eigenvalues: Vec<f64>,
 }
 
-const TETRAHEDRON: &[&[usize]] = &[&[0, 2, 1], &[0, 1, 3], &[1, 2, 3], &[2, 0, 3]];
-const WEDGE: &[&[usize]] = &[&[0, 2, 1], &[3, 4, 5], &[0, 1, 4, 3], &[1, 2, 5, 4], &[2, 0, 3, 5]];
-const HEXAHEDRON: &[&[usize]] =
-    &[&[0, 3, 2, 1], &[4, 5, 6, 7], &[0, 1, 5, 4], &[1, 2, 6, 5], &[2, 3, 7, 6], &[3, 0, 4, 7]];
-
 impl Case {
     /// Two dimensions become a mesh that is one cell thick.
     fn mesh(&self) -> PointMesh {
@@ -27,10 +23,10 @@ impl Case {
         let flat = self.points[0].len() == 2;
         let mut points: Vec<[f64; 3]> =
             self.points.iter().map(|x| [x[0], x[1], x.get(2).copied().unwrap_or(0.0)]).collect();
-        let faces = match self.shape.as_str() {
-            "tetrahedron" => TETRAHEDRON,
-            "wedge" | "triangle" => WEDGE,
-            _ => HEXAHEDRON,
+        let kind = match self.shape.as_str() {
+            "tetrahedron" => ElementKind::Tetrahedron,
+            "wedge" | "triangle" => ElementKind::Wedge,
+            _ => ElementKind::Hexahedron,
         };
         let corners = |cell: &Vec<usize>| match flat {
             true => cell.iter().copied().chain(cell.iter().map(|p| p + n)).collect(),
@@ -41,7 +37,7 @@ impl Case {
             .iter()
             .map(|cell| {
                 let corners: Vec<usize> = corners(cell);
-                faces.iter().map(|f| f.iter().map(|&i| corners[i]).collect()).collect()
+                kind.sides().iter().map(|f| f.iter().map(|&i| corners[i]).collect()).collect()
             })
             .collect();
         if flat {
