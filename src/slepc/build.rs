@@ -5,20 +5,13 @@ use std::{env, path::PathBuf};
 fn main() {
     println!("cargo:rustc-cdylib-link-arg=-Wl,-soname,libm4gn_slepc.so");
     println!("cargo:rerun-if-changed=wrapper.h");
-    let slepc = pkg_config::Config::new().cargo_metadata(false).probe("slepc").unwrap_or_else(|e| {
-        panic!(
-            "SLEPc was not found through pkg-config: {e}\n\
-             Expected the Debian packages libslepc-real3.18-dev and libpetsc-real-dev; run setup/debian.sh"
-        )
-    });
-    let petsc = pkg_config::Config::new().cargo_metadata(false).probe("petsc").unwrap_or_else(|e| {
-        panic!(
-            "PETSc was not found through pkg-config: {e}\nInstall libpetsc-real-dev or run setup/debian.sh"
-        )
-    });
-    let mpi = pkg_config::Config::new().cargo_metadata(false).probe("ompi-c").unwrap_or_else(|e| {
-        panic!("OpenMPI was not found through pkg-config: {e}\nInstall libopenmpi-dev or run setup/debian.sh")
-    });
+    let [slepc, petsc, mpi] =
+        [("slepc", "libslepc-real3.18-dev"), ("petsc", "libpetsc-real-dev"), ("ompi-c", "libopenmpi-dev")]
+            .map(|(name, package)| {
+                pkg_config::Config::new().cargo_metadata(false).probe(name).unwrap_or_else(|e| {
+            panic!("{name} was not found through pkg-config: {e}\nInstall {package} or run setup/debian.sh")
+        })
+            });
     for dir in slepc.link_paths.iter().chain(&petsc.link_paths) {
         println!("cargo:rustc-link-search=native={}", dir.display());
     }

@@ -50,7 +50,6 @@ impl Matrices {
     /// small Krylov space sees the sign without a factor. Collective.
     pub(super) fn smallest(&self, comm: &Comm, sigma: Option<f64>, tolerance: f64) -> Result<f64> {
         let (mut scaled, mut eps, diagonal) = (Matrix::null(), Solver::null(), self.m.vector()?);
-        let (mut value, mut converged, default) = (0.0, 0, c::PETSC_DEFAULT);
         let (of, copy) =
             (if sigma.is_some() { &self.k } else { &self.m }, c::MatDuplicateOption_MAT_COPY_VALUES);
         // SAFETY: all objects are live; no second matrix, vector or imaginary part is there.
@@ -70,17 +69,11 @@ impl Matrices {
             check(c::EPSSetWhichEigenpairs(eps.0, c::EPSWhich_EPS_SMALLEST_REAL))?;
             check(c::EPSSetConvergenceTest(eps.0, c::EPSConv_EPS_CONV_ABS))?;
             check(c::EPSSetTolerances(eps.0, tolerance, ITERATIONS))?;
-            check(c::EPSSetDimensions(eps.0, 1, default, default))?;
-            check(c::EPSSolve(eps.0))?;
-            check(c::EPSGetConverged(eps.0, &mut converged))?;
-            if converged > 0 {
-                check(c::EPSGetEigenvalue(eps.0, 0, &mut value, std::ptr::null_mut()))?;
-                return Ok(value);
-            }
+            check(c::EPSSetDimensions(eps.0, 1, c::PETSC_DEFAULT, c::PETSC_DEFAULT))?;
         }
-        Err(Error::Numerical(
-            "it could not be told without a factor whether K and M are positive semi-definite; modalSolver direct makes one"
-                .into(),
-        ))
+        eps.first()?.ok_or_else(|| {
+            let why = "it could not be told without a factor whether K and M are positive semi-definite; modalSolver direct makes one";
+            Error::Numerical(why.into())
+        })
     }
 }

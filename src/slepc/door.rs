@@ -3,8 +3,8 @@
 use crate::eigen::{Matrices, eigenpairs};
 use m4gn_base::{Error, Result};
 use m4gn_model::modal::ModalSolver;
-use m4gn_modes::eigen::{LIBRARY, RawHost, RawProblem, RawRows, solver_of};
-use m4gn_parallel::Comm;
+use m4gn_modes::eigen::{LIBRARY, RawHost, RawProblem, RawRows, slice, solver_of};
+use m4gn_parallel::{Comm, panic_text};
 use std::cell::RefCell;
 use std::ffi::{CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -134,11 +134,7 @@ pub unsafe extern "C" fn m4gn_slepc_eigenpairs(problem: *const RawProblem, host:
     let error = match result {
         Ok(Ok(())) => return 0,
         Ok(Err(error)) => error,
-        Err(panic) => {
-            let text = panic.downcast_ref::<&str>().map(|s| (*s).to_string());
-            let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
-            Error::Internal(text.unwrap_or_else(|| "panic without a message".into()))
-        }
+        Err(panic) => Error::Internal(panic_text(&*panic).into()),
     };
     let message = CString::new(error.to_string().replace('\0', " ")).unwrap_or_default();
     let _ = LAST_ERROR.try_with(|m| *m.borrow_mut() = message);
@@ -170,14 +166,4 @@ unsafe fn solve(problem: &RawProblem, host: RawHost) -> Result<()> {
     let matrices = Matrices::new(&comm, &call)?;
     call.copied();
     eigenpairs(&comm, &matrices, &call)
-}
-
-/// # Safety
-/// `n` values at `data`, or none.
-unsafe fn slice<'a, T>(data: *const T, n: usize) -> &'a [T] {
-    match n {
-        0 => &[],
-        // SAFETY: as promised.
-        _ => unsafe { std::slice::from_raw_parts(data, n) },
-    }
 }

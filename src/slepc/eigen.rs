@@ -162,12 +162,12 @@ pub(crate) fn eigenpairs(comm: &Comm, matrices: &Matrices, request: &Call) -> Re
             check_pair(comm, matrices, method, request.shift)?;
             let found = Search::new(comm, matrices, request, method).run()?;
             // The solver with its factor is gone by now.
-            found.into_iter().map(|f| f.into_pair(comm, &matrices.m)).collect::<Result<Vec<_>>>()
+            found.into_iter().map(|f| f.into_pair(&matrices.m)).collect::<Result<Vec<_>>>()
         };
         let found = run();
         match comm.agree(found) {
             Ok(pairs) => {
-                pairs.iter().for_each(|p| request.pair(p.value, &p.vector, &p.weighted));
+                pairs.iter().for_each(|(value, x, mx)| request.pair(*value, x, mx));
                 return Ok(());
             }
             Err(Error::Numerical(m)) if m.contains(SINGULAR) => {
@@ -190,28 +190,10 @@ struct Found {
 }
 
 impl Found {
-    fn into_pair(self, comm: &Comm, m: &Matrix) -> Result<Pair> {
-        let pair = Pair {
-            value: self.value,
-            weighted: m.times(&self.vector)?.values()?,
-            vector: self.vector.values()?,
-        };
-        let finite = match pair.value.is_finite() && pair.vector.iter().all(|x| x.is_finite()) {
-            true => Ok(()),
-            false => Err(Error::Numerical(
-                "a mode is not finite: look at the mesh for cells of extreme size or coefficients".into(),
-            )),
-        };
-        comm.agree(finite)?;
-        Ok(pair)
+    /// What is handed out: eigenvalue, vector, M times the vector.
+    fn into_pair(self, m: &Matrix) -> Result<(f64, Vec<f64>, Vec<f64>)> {
+        Ok((self.value, self.vector.values()?, m.times(&self.vector)?.values()?))
     }
-}
-
-/// What is handed out: eigenvalue, vector, M times the vector.
-struct Pair {
-    value: f64,
-    vector: Vec<f64>,
-    weighted: Vec<f64>,
 }
 
 struct Search<'a> {
@@ -288,9 +270,8 @@ impl<'a> Search<'a> {
             let fresh =
                 self.found.is_empty() || new.iter().any(|f| bound.is_none_or(|b| self.distance(f) <= b));
             self.found.extend(new);
-            let mut found = std::mem::take(&mut self.found);
-            found.sort_by(|a, b| self.distance(a).total_cmp(&self.distance(b)));
-            self.found = found;
+            let distance = |f: &Found| (f.value - self.request.shift).abs();
+            self.found.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
             (sweeps, idle) = (sweeps + 1, if fresh { 0 } else { idle + 1 });
             let counts = self.method.factors();
             if let Some(Found { value, .. }) = self.found.iter().find(|f| f.value < self.request.shift) {
@@ -394,17 +375,8 @@ impl<'a> Search<'a> {
             return Ok(false);
         };
         self.set_up(1, Some(PROBE.0))?;
-        let (mut value, mut converged) = (0.0, 0);
-        // SAFETY: the solver is live and set up; vectors and the imaginary part are not asked for.
-        unsafe {
-            check(c::EPSSolve(self.eps.0))?;
-            check(c::EPSGetConverged(self.eps.0, &mut converged))?;
-            if converged < 1 {
-                return Ok(false);
-            }
-            check(c::EPSGetEigenvalue(self.eps.0, 0, &mut value, std::ptr::null_mut()))?;
-        }
-        Ok((value - self.request.shift) * (1.0 - PROBE.1) > bound)
+        let first = self.eps.first()?;
+        Ok(first.is_some_and(|value| (value - self.request.shift) * (1.0 - PROBE.1) > bound))
     }
 
     /// Prepares the solver for `wanted` pairs with the known ones kept out, to its tolerance or a rough one.
@@ -430,12 +402,7 @@ impl<'a> Search<'a> {
     /// One run of the solver.
     fn sweep(&mut self, wanted: usize) -> Result<Vec<Found>> {
         self.set_up(wanted, None)?;
-        let mut converged = 0;
-        // SAFETY: the solver is live.
-        unsafe {
-            check(c::EPSSolve(self.eps.0))?;
-            check(c::EPSGetConverged(self.eps.0, &mut converged))?;
-        }
+        let converged = self.eps.solve()?;
         let left = self.matrices.unknowns as usize - self.found.len();
         if (converged as usize) < wanted.min(left) {
             return Err(Error::Numerical(format!(

@@ -84,6 +84,30 @@ impl Matrix {
     }
 }
 
+impl Solver {
+    /// Solves; so many pairs converged. Collective.
+    pub(super) fn solve(&self) -> Result<i32> {
+        let mut converged = 0;
+        // SAFETY: the solver is live and set up.
+        unsafe {
+            check(c::EPSSolve(self.0))?;
+            check(c::EPSGetConverged(self.0, &mut converged))?;
+        }
+        Ok(converged)
+    }
+
+    /// Solves for the first eigenvalue, if one converges. Collective.
+    pub(super) fn first(&self) -> Result<Option<f64>> {
+        let mut value = 0.0;
+        if self.solve()? < 1 {
+            return Ok(None);
+        }
+        // SAFETY: one pair is there; its imaginary part is not asked for.
+        check(unsafe { c::EPSGetEigenvalue(self.0, 0, &mut value, std::ptr::null_mut()) })?;
+        Ok(Some(value))
+    }
+}
+
 impl Vector {
     /// This rank's values.
     pub(super) fn values(&self) -> Result<Vec<f64>> {
