@@ -4,8 +4,8 @@
 //! data do not say is the material: the body is of one, of a Poisson's ratio that is given.
 
 use super::array::{Array, Arrays};
-use super::points::{interval, named};
-use m4gn_base::{Error, Result, refuse, refuse_any};
+use super::points::{frames, interval, structure, with_times};
+use m4gn_base::{Error, Result, refuse_any};
 use m4gn_data::{FieldMeta, Frame, Split, Trajectory, WriteOptions, Writer};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::body::{Body, Material, Obstacle};
@@ -58,20 +58,11 @@ impl Bodies {
     /// [`Error::File`] naming the array of `path` that is missing or does not fit.
     pub fn new(arrays: &Arrays, dt: Option<f64>, poisson: f64, path: &Path) -> Result<Self> {
         let wrong = |what: String| Error::file(path, what);
-        let (name, places) = named(arrays, &["mesh_pos", "pos"], path)?;
-        let places = places.fixed(name, 3, path)?;
-        if let Some(i) = places.iter().position(|v| !v.is_finite()) {
-            return Err(wrong(format!("{name}: value {i} is {}, expected a finite number", places[i])));
-        }
+        let (places, cells, kinds) = structure(arrays, 3, 4, path)?;
         let rest: Vec<Vector> = places.as_chunks::<3>().0.to_vec();
         let n = rest.len();
-        let (name, cells) = named(arrays, &["cells", "faces"], path)?;
-        let cells = cells.labels(name, 4, n, path)?;
-        let (name, kinds) = named(arrays, &["node_type"], path)?;
-        let kinds = kinds.labels(name, 1, 10, path)?;
-        refuse(kinds.len() != n, wrong, || format!("{name} has {} points, expected {n}", kinds.len()))?;
         refuse_any(kinds.iter().position(|k| ![NORMAL, OBSTACLE, HANDLE].contains(k)), wrong, |p| {
-            format!("{name} of point {p} is {}, expected 0 (normal), 1 (obstacle), 3 (handle)", kinds[p])
+            format!("node_type of point {p} is {}, expected 0 (normal), 1 (obstacle), 3 (handle)", kinds[p])
         })?;
         let [elements, solid] = cut(cells.as_chunks::<4>().0, &kinds, &rest).map_err(wrong)?;
         let surface = match arrays.get("obstacle_triangles") {
@@ -192,20 +183,6 @@ impl Bodies {
     }
 }
 
-/// An array with a row a point in each of two or more frames, as `[frames, points, components]`; none of another shape.
-fn frames(arrays: &Arrays, name: &str, n: usize, path: &Path) -> Result<Option<Array>> {
-    let Some(array) = arrays.get(name) else { return Ok(None) };
-    let c = match array.shape[..] {
-        [frames, rows] if frames > 1 && rows == n => 1,
-        [frames, rows, c] if frames > 1 && rows == n && c > 0 => c,
-        _ => return Ok(None),
-    };
-    if let Some(i) = array.data.iter().position(|v| !(*v as f32).is_finite()) {
-        return Err(Error::file(path, format!("{name}: frame {} holds {}", i / (n * c), array.data[i])));
-    }
-    Ok(Some(Array { shape: vec![array.shape[0], n, c], data: array.data.clone() }))
-}
-
 /// Tetrahedra of the body and of the obstacle, the fourth point on the side to which the normal of the others leads.
 fn cut(cells: &[[i32; 4]], kinds: &[i32], rest: &[Vector]) -> std::result::Result<[Vec<i32>; 2], String> {
     let mut parts = [Vec::new(), Vec::new()];
@@ -250,14 +227,10 @@ pub fn arrays(trajectory: &Trajectory) -> Result<Option<Arrays>> {
     let (times, n) = (trajectory.times(), body.positions.len());
     let obstacle = trajectory.obstacle();
     let q = obstacle.map_or(0, |o| o.positions.len());
-    let mut arrays = Arrays::new();
+    let mut arrays = with_times(times);
     let mut add = |name: &str, shape: &[usize], data: Vec<f64>| {
         arrays.insert(name.into(), Array { shape: shape.to_vec(), data });
     };
-    add("times", &[times.len()], times.to_vec());
-    if let [first, .., last] = times {
-        add("dt", &[], vec![(last - first) / (times.len() - 1) as f64]);
-    }
     let rest = [&body.positions[..], obstacle.map_or(&[], |o| &o.positions)].concat();
     add("mesh_pos", &[n + q, 3], rest.as_flattened().to_vec());
     let of_body = body.types.iter().map(|t| if *t == NodeType::Handle { HANDLE } else { NORMAL });

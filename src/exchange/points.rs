@@ -52,40 +52,22 @@ impl Points {
     /// [`Error::File`] naming the array of `path` that is missing or does not fit.
     pub fn new(arrays: &Arrays, dt: Option<f64>, path: &Path) -> Result<Self> {
         let wrong = |what: String| Error::file(path, what);
-        let (name, places) = named(arrays, &["mesh_pos", "pos"], path)?;
-        let places = places.fixed(name, 2, path)?;
-        if let Some(i) = places.iter().position(|v| !v.is_finite()) {
-            return Err(wrong(format!("{name}: value {i} is {}, expected a finite number", places[i])));
-        }
+        let (places, cells, kinds) = structure(arrays, 2, 3, path)?;
         let positions: Vec<Vector> = places.as_chunks().0.iter().map(|[x, y]| [*x, *y, 0.0]).collect();
-        let n = positions.len();
-        let (name, cells) = named(arrays, &["cells", "faces"], path)?;
-        let triangles = cells.labels(name, 3, n, path)?.as_chunks().0.to_vec();
-        let (name, kinds) = named(arrays, &["node_type"], path)?;
-        let kinds = kinds.labels(name, 1, 10, path)?;
-        refuse(kinds.len() != n, wrong, || format!("{name} has {} points, expected {n}", kinds.len()))?;
+        let (n, triangles) = (positions.len(), cells.as_chunks().0.to_vec());
         let (mesh, boundary) = mesh(&positions, &triangles, &kinds).map_err(|e| wrong(e.to_string()))?;
         let dt = interval(arrays, dt, path)?;
         let mut points = Points { mesh, triangles, fields: Vec::new(), dt, boundary };
-        for (name, array) in arrays {
-            let values = match array.shape[..] {
-                [frames, rows, ..] if frames > 1 && rows == n && array.shape.len() <= 3 => array,
-                _ => continue,
-            };
-            if ["mesh_pos", "pos", "cells", "faces", "node_type"].contains(&&name[..]) {
-                continue;
-            }
-            let c = values.shape.get(2).copied().unwrap_or(1);
-            refuse(c == 0 || c > 2, wrong, || format!("{name} has {c} components, expected 1 or 2"))?;
-            if let Some(i) = values.data.iter().position(|v| !(*v as f32).is_finite()) {
-                return Err(wrong(format!("{name}: frame {} holds {}", i / (n * c), values.data[i])));
-            }
+        for name in arrays.keys().filter(|name| !STRUCTURE.contains(&&name[..])) {
+            let Some(values) = frames(arrays, name, n, path)? else { continue };
+            let c = values.shape[2];
+            refuse(c > 2, wrong, || format!("{name} has {c} components, expected 1 or 2"))?;
             let known = FIELDS.iter().find(|f| f.0 == name || f.1 == name);
             let (own, mut dimensions) = known.map_or((&name[..], [0; 7]), |f| (f.1, f.2));
             if own == "p" && arrays.contains_key("density") {
                 dimensions = [1, -1, -2, 0, 0, 0, 0];
             }
-            points.fields.push((FieldMeta { name: own.into(), vector: c == 2, dimensions }, array.clone()));
+            points.fields.push((FieldMeta { name: own.into(), vector: c == 2, dimensions }, values));
         }
         let frames = points.frames();
         refuse_any(points.fields.iter().find(|f| f.1.shape[0] != frames), wrong, |(meta, other)| {
@@ -131,12 +113,48 @@ impl Points {
     }
 }
 
-/// The first of these arrays that is there, with its name.
-pub(super) fn named<'a>(
+/// Arrays that are no fields.
+const STRUCTURE: [&str; 5] = ["mesh_pos", "pos", "cells", "faces", "node_type"];
+
+/// Places at rest of `dim` numbers a point, cells of so many corners, and the node types.
+pub(super) fn structure<'a>(
     arrays: &'a Arrays,
-    names: &[&'static str],
+    dim: usize,
+    corners: usize,
     path: &Path,
-) -> Result<(&'static str, &'a Array)> {
+) -> Result<(&'a [f64], Vec<i32>, Vec<i32>)> {
+    let wrong = |what: String| Error::file(path, what);
+    let (name, places) = named(arrays, &["mesh_pos", "pos"], path)?;
+    let places = places.fixed(name, dim, path)?;
+    refuse_any(places.iter().position(|v| !v.is_finite()), wrong, |i| {
+        format!("{name}: value {i} is {}, expected a finite number", places[i])
+    })?;
+    let n = places.len() / dim;
+    let (name, cells) = named(arrays, &["cells", "faces"], path)?;
+    let cells = cells.labels(name, corners, n, path)?;
+    let (name, kinds) = named(arrays, &["node_type"], path)?;
+    let kinds = kinds.labels(name, 1, 10, path)?;
+    refuse(kinds.len() != n, wrong, || format!("{name} has {} points, expected {n}", kinds.len()))?;
+    Ok((places, cells, kinds))
+}
+
+/// An array with a row a point in each of two or more frames, as `[frames, points, components]`; none of another shape.
+pub(super) fn frames(arrays: &Arrays, name: &str, n: usize, path: &Path) -> Result<Option<Array>> {
+    let Some(array) = arrays.get(name) else { return Ok(None) };
+    let c = match array.shape[..] {
+        [frames, rows] if frames > 1 && rows == n => 1,
+        [frames, rows, c] if frames > 1 && rows == n && c > 0 => c,
+        _ => return Ok(None),
+    };
+    let wrong = |what: String| Error::file(path, what);
+    refuse_any(array.data.iter().position(|v| !(*v as f32).is_finite()), wrong, |i| {
+        format!("{name}: frame {} holds {}", i / (n * c), array.data[i])
+    })?;
+    Ok(Some(Array { shape: vec![array.shape[0], n, c], data: array.data.clone() }))
+}
+
+/// The first of these arrays that is there, with its name.
+fn named<'a>(arrays: &'a Arrays, names: &[&'static str], path: &Path) -> Result<(&'static str, &'a Array)> {
     let found = names.iter().find_map(|name| Some((*name, arrays.get(*name)?)));
     found.ok_or_else(|| {
         let there: Vec<&str> = arrays.keys().map(String::as_str).collect();
@@ -154,6 +172,17 @@ pub(super) fn interval(arrays: &Arrays, dt: Option<f64>, path: &Path) -> Result<
     // 0.01 in single precision is meant as 0.01.
     let short = Some(dt as f32).filter(|short| f64::from(*short) == dt);
     Ok(short.and_then(|short| short.to_string().parse().ok()).unwrap_or(dt))
+}
+
+/// `times`, and `dt` of two or more.
+pub(super) fn with_times(times: &[f64]) -> Arrays {
+    let mut arrays =
+        Arrays::from([("times".into(), Array { shape: vec![times.len()], data: times.to_vec() })]);
+    if let [first, .., last] = times {
+        let dt = (last - first) / (times.len() - 1) as f64;
+        arrays.insert("dt".into(), Array { shape: Vec::new(), data: vec![dt] });
+    }
+    arrays
 }
 
 /// The lumped mesh, and the point of each of its boundary faces.
@@ -241,15 +270,11 @@ pub(crate) fn node_types(mesh: &Mesh) -> Vec<f64> {
 pub fn arrays(trajectory: &Trajectory) -> Result<Arrays> {
     let mesh = trajectory.mesh();
     let n = mesh.cell_global.len();
-    let mut arrays = Arrays::new();
+    let times = trajectory.times();
+    let mut arrays = with_times(times);
     let mut add = |name: &str, shape: &[usize], data: Vec<f64>| {
         arrays.insert(name.into(), Array { shape: shape.to_vec(), data });
     };
-    let times = trajectory.times();
-    add("times", &[times.len()], times.to_vec());
-    if let [first, .., last] = times {
-        add("dt", &[], vec![(last - first) / (times.len() - 1) as f64]);
-    }
     let triangles = trajectory.triangles();
     let at_points = !triangles.is_empty();
     let dim = if at_points { 2 } else { 3 };

@@ -76,17 +76,18 @@ pub(super) fn measure(tensors: &StateDict, spec: &mut ModelSpec) -> Result<()> {
     Ok(())
 }
 
-/// Puts columns of a weight into another order: column j of the result is column `from(j)`.
-fn columns(tensor: &Tensor, from: impl Fn(usize, usize) -> usize) -> Tensor {
+/// Puts columns of a weight into another order; of node types column j of the result is column `place(j)` of so many.
+fn columns(tensor: &Tensor, ordered: Columns, place: impl Fn(usize, usize) -> usize) -> Tensor {
     let n = tensor.shape.last().copied().unwrap_or(0).max(1);
+    let from = |j: usize| match ordered {
+        Columns::Types => place(j, n),
+        // In a weight of an odd number of columns, which is refused later, nothing changes places.
+        Columns::Halves if n.is_multiple_of(2) => (j + n / 2) % n,
+        _ => j,
+    };
     let rows = tensor.data.chunks_exact(n);
-    let data = rows.flat_map(|row| (0..n).map(|j| row[from(j, n)]).collect::<Vec<_>>()).collect();
+    let data = rows.flat_map(|row| (0..n).map(|j| row[from(j)]).collect::<Vec<_>>()).collect();
     Tensor { shape: tensor.shape.clone(), data }
-}
-
-/// Halves change places; in a weight of an odd number of columns, which is refused later, nothing does.
-fn swapped(j: usize, n: usize) -> usize {
-    if n.is_multiple_of(2) { (j + n / 2) % n } else { j }
 }
 
 /// Their tensors under the names here.
@@ -97,19 +98,9 @@ pub(super) fn renamed(mut theirs: StateDict, spec: &ModelSpec, order: &[usize]) 
         let tensor =
             tensor.ok_or_else(|| Error::Model(format!("tensor '{other}' is missing ('{name}' here)")))?;
         let first = spec.n_field_inputs();
-        let place = |j: usize, n: usize| match j
-            .checked_sub(first)
-            .and_then(|t| order.iter().position(|o| *o == t))
-        {
-            Some(t) if first + t < n => first + t,
-            _ => j,
-        };
-        let tensor = match ordered {
-            Columns::Same => tensor,
-            Columns::Halves => columns(&tensor, swapped),
-            Columns::Types => columns(&tensor, place),
-        };
-        ours.insert(name, tensor);
+        let own = |j: usize| Some(first + order.iter().position(|o| Some(*o) == j.checked_sub(first))?);
+        let place = |j: usize, n: usize| own(j).filter(|own| *own < n).unwrap_or(j);
+        ours.insert(name, columns(&tensor, ordered, place));
     }
     match theirs.keys().find(|name| !name.starts_with("norm.")) {
         Some(name) => Err(Error::Model(format!("tensor '{name}' is not part of PhysicsNeMo's MeshGraphNet"))),
@@ -124,14 +115,6 @@ pub(super) fn renamed(mut theirs: StateDict, spec: &ModelSpec, order: &[usize]) 
 pub(super) fn others(model: &Model, order: &[usize]) -> Result<StateDict> {
     let first = model.spec.n_field_inputs();
     let place = |j: usize, _: usize| j.checked_sub(first).map_or(j, |t| first + order[t]);
-    let row = |(name, other, ordered): Row| {
-        let tensor = model.tensor(&name)?;
-        let tensor = match ordered {
-            Columns::Same => tensor.clone(),
-            Columns::Halves => columns(tensor, swapped),
-            Columns::Types => columns(tensor, place),
-        };
-        Ok((other, tensor))
-    };
+    let row = |(name, other, ordered): Row| Ok((other, columns(model.tensor(&name)?, ordered, place)));
     rows(&model.spec)?.into_iter().map(row).collect()
 }

@@ -76,7 +76,10 @@ impl<'a> Machine<'a> {
                 0x80 => drop(self.take(1)?),
                 0x95 => drop(self.take(8)?),
                 b'(' => self.stack.push(Value::Mark),
-                b'}' => self.push_dict(),
+                b'}' => {
+                    let dict = self.dict();
+                    self.stack.push(dict);
+                }
                 b')' => self.stack.push(Value::Tuple([].into())),
                 b'N' | 0x88 | 0x89 | b']' => self.stack.push(Value::Other),
                 b'G' => {
@@ -129,13 +132,8 @@ impl<'a> Machine<'a> {
                 }
                 0x85..=0x87 => {
                     let n = usize::from(code - 0x84);
-                    let from = self
-                        .stack
-                        .len()
-                        .checked_sub(n)
-                        .ok_or_else(|| (start, "an empty stack".to_string()))?;
-                    let values: Rc<[Value]> = self.stack.drain(from..).collect();
-                    self.stack.push(Value::Tuple(values));
+                    let values = (0..n).map(|_| self.pop()).collect::<Step<Vec<_>>>()?;
+                    self.stack.push(Value::Tuple(values.into_iter().rev().collect()));
                 }
                 b's' | b'u' => {
                     let pairs = match code {
@@ -206,9 +204,9 @@ impl<'a> Machine<'a> {
         Ok(values)
     }
 
-    fn push_dict(&mut self) {
-        self.stack.push(Value::Dict(self.dicts.len()));
+    fn dict(&mut self) -> Value {
         self.dicts.push(Vec::new());
+        Value::Dict(self.dicts.len() - 1)
     }
 
     /// The few things that are called.
@@ -221,10 +219,7 @@ impl<'a> Machine<'a> {
             _ => None,
         };
         match (&name[..], &arguments[..]) {
-            ("collections.OrderedDict", []) => {
-                self.dicts.push(Vec::new());
-                Ok(Value::Dict(self.dicts.len() - 1))
-            }
+            ("collections.OrderedDict", []) => Ok(self.dict()),
             ("torch._utils._rebuild_tensor_v2", [Value::Storage(storage), offset, shape, strides, ..]) => {
                 match (whole(offset), extents(shape), extents(strides)) {
                     (Some(offset), Some(shape), Some(strides)) if shape.len() == strides.len() => {
