@@ -4,11 +4,10 @@ use super::import::{Options, import};
 use super::points::arrays;
 use super::records;
 use super::series::{WAYS, frame};
-use super::{Array, Arrays, npz, tfrecord::TfRecord};
+use super::{Array, Arrays, npz};
 use m4gn_base::Result;
 use m4gn_data::{Split, Trajectory};
 use m4gn_mesh::NodeType;
-use proptest::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// A folder with a file, and meta.json beside it.
@@ -278,24 +277,33 @@ fn errors_name_record_byte_and_key() {
 #[test]
 fn arrays_that_make_no_trajectory_are_named() {
     let dt = Options { dt: Some(0.5), ..Options::default() };
-    type Change = fn(&mut Arrays);
-    let changes: [(&str, Change); 7] = [
-        ("no array node_type; found cells, mesh_pos", |a| drop(a.remove("node_type"))),
-        ("cells: value 2 is 9, expected a whole number from 0 to below 5", |a| {
-            a.get_mut("cells").unwrap().data[2] = 9.0
-        }),
-        ("triangle 1 of the points [1, 2, 1] has the area 0", |a| a.get_mut("cells").unwrap().data[5] = 1.0),
-        ("mesh_pos has shape [1, 2, 5]", |a| a.get_mut("mesh_pos").unwrap().shape = vec![1, 2, 5]),
-        ("node_type of point 0 is 3", |a| a.get_mut("node_type").unwrap().data[0] = 3.0),
-        ("pressure: frame 1 holds NaN", |a| a.get_mut("pressure").unwrap().data[5] = f64::NAN),
-        ("no array has a row for each of the 5 points", |a| a.retain(|_, a| a.shape[0] == 1)),
-    ];
-    for (expected, change) in changes {
-        let mut arrays = square();
-        change(&mut arrays);
-        let message = super::Points::new(&arrays, dt.dt, Path::new("a")).unwrap_err().to_string();
+    let refused = |arrays: &Arrays, expected: &str| {
+        let message = super::Points::new(arrays, dt.dt, Path::new("a")).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
+    };
+    for (name, at, value, expected) in [
+        ("cells", 2, 9.0, "cells: value 2 is 9, expected a whole number from 0 to below 5"),
+        ("cells", 5, 1.0, "triangle 1 of the points [1, 2, 1] has the area 0"),
+        ("node_type", 0, 3.0, "node_type of point 0 is 3"),
+        ("pressure", 5, f64::NAN, "pressure: frame 1 holds NaN"),
+    ] {
+        refused(&with(square(), name, at, value), expected);
     }
+    let mut arrays = square();
+    arrays.get_mut("mesh_pos").unwrap().shape = vec![1, 2, 5];
+    refused(&arrays, "mesh_pos has shape [1, 2, 5]");
+    arrays = square();
+    arrays.remove("node_type");
+    refused(&arrays, "no array node_type; found cells, mesh_pos");
+    arrays = square();
+    arrays.retain(|_, a| a.shape[0] == 1);
+    refused(&arrays, "no array has a row for each of the 5 points");
+}
+
+/// With another number in one of them.
+fn with(mut arrays: Arrays, name: &str, at: usize, value: f64) -> Arrays {
+    arrays.get_mut(name).unwrap().data[at] = value;
+    arrays
 }
 
 /// What comes of the plate's arrays.
@@ -341,77 +349,43 @@ fn a_plate_under_an_obstacle_there_and_back() {
 
 #[test]
 fn arrays_that_make_no_body_are_named() {
-    type Change = fn(&mut Arrays);
-    let changes: [(&str, Change); 13] = [
-        ("cell 2 of the points [5, 6, 7, 3] is of both", |a| a.get_mut("cells").unwrap().data[11] = 3.0),
-        ("cell 0 of the points [0, 1, 2, 2] has the point 2 twice", |a| {
-            a.get_mut("cells").unwrap().data[3] = 2.0
-        }),
-        ("cell 0 of the points [0, 1, 2, 3] has the volume 0", |a| {
-            a.get_mut("mesh_pos").unwrap().data[11] = 0.0
-        }),
-        ("cells: value 3 is 9, expected a whole number", |a| a.get_mut("cells").unwrap().data[3] = 9.0),
-        ("node_type of point 4 is 4, expected 0 (normal)", |a| a.get_mut("node_type").unwrap().data[4] = 4.0),
-        ("without cells or obstacle_triangles", |a| {
-            let cells = a.get_mut("cells").unwrap();
-            (cells.shape, cells.data) = (vec![1, 2, 4], cells.data[..8].to_vec());
-        }),
-        ("point 4 belongs to no cell", |a| {
-            let cells = a.get_mut("cells").unwrap();
-            cells.data[4..8].copy_from_slice(&[0.0, 1.0, 2.0, 3.0]);
-        }),
-        ("no handle", |a| a.get_mut("node_type").unwrap().data[..3].fill(0.0)),
-        ("world_pos: expected an array [frames, 9, 3] of two frames or more, found none", |a| {
-            drop(a.remove("world_pos"))
-        }),
-        ("stress: frame 0 holds NaN", |a| a.get_mut("stress").unwrap().data[5] = f64::NAN),
-        ("world_pos: frame 2 holds inf", |a| a.get_mut("world_pos").unwrap().data[80] = f64::INFINITY),
-        ("world_pos: frame 2: the distance between points", |a| {
-            a.get_mut("world_pos").unwrap().data[80] += 0.5
-        }),
-        ("stress has 2 components, expected 1 or 3", |a| {
-            let stress = a.get_mut("stress").unwrap();
-            (stress.shape, stress.data) = (vec![3, 9, 2], vec![0.0; 54]);
-        }),
-    ];
-    for (expected, change) in changes {
-        let mut arrays = by_name(records::plate());
-        change(&mut arrays);
-        let message = super::Bodies::new(&arrays, Some(0.01), 0.3, Path::new("a")).unwrap_err().to_string();
+    let plate = || by_name(records::plate());
+    let refused = |arrays: &Arrays, expected: &str| {
+        let message = super::Bodies::new(arrays, Some(0.01), 0.3, Path::new("a")).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}\n{expected}");
+    };
+    for (name, at, value, expected) in [
+        ("cells", 11, 3.0, "cell 2 of the points [5, 6, 7, 3] is of both"),
+        ("cells", 3, 2.0, "cell 0 of the points [0, 1, 2, 2] has the point 2 twice"),
+        ("mesh_pos", 11, 0.0, "cell 0 of the points [0, 1, 2, 3] has the volume 0"),
+        ("cells", 3, 9.0, "cells: value 3 is 9, expected a whole number"),
+        ("node_type", 4, 4.0, "node_type of point 4 is 4, expected 0 (normal)"),
+        ("stress", 5, f64::NAN, "stress: frame 0 holds NaN"),
+        ("world_pos", 80, f64::INFINITY, "world_pos: frame 2 holds inf"),
+        (
+            "world_pos",
+            80,
+            plate()["world_pos"].data[80] + 0.5,
+            "world_pos: frame 2: the distance between points",
+        ),
+    ] {
+        refused(&with(plate(), name, at, value), expected);
     }
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 500, failure_persistence: None, ..ProptestConfig::default() })]
-
-    /// Whatever a record holds, with checksums that are right, it is read or refused.
-    #[test]
-    fn damaged_records_never_panic(flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..8),
-                                   end in any::<prop::sample::Index>(), cut in any::<bool>()) {
-        let mut bytes = records::example();
-        flips.iter().for_each(|(at, value)| { let i = at.index(bytes.len()); bytes[i] = *value; });
-        if cut { bytes.truncate(end.index(bytes.len())); }
-        let (_folder, path) = file("a.tfrecord", &records::record(&bytes));
-        let mut records = TfRecord::open(&path).unwrap();
-        match records.next_arrays() {
-            Ok(arrays) => { let _ = super::Points::new(&arrays.unwrap(), Some(0.5), &path); }
-            Err(e) => prop_assert!(e.to_string().contains("record 0, byte "), "{e}"),
-        }
+    for (name, shape, data, expected) in [
+        ("cells", vec![1, 2, 4], plate()["cells"].data[..8].to_vec(), "without cells or obstacle_triangles"),
+        ("stress", vec![3, 9, 2], vec![0.0; 54], "stress has 2 components, expected 1 or 3"),
+    ] {
+        let mut arrays = plate();
+        arrays.insert(name.into(), Array { shape, data });
+        refused(&arrays, expected);
     }
-
-    #[test]
-    fn damaged_archives_never_panic(flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..8),
-                                    end in any::<prop::sample::Index>(), cut in any::<bool>()) {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.npz");
-        npz::write(&path, &square(), &["cells"]).unwrap();
-        let mut bytes = std::fs::read(&path).unwrap();
-        flips.iter().for_each(|(at, value)| { let i = at.index(bytes.len()); bytes[i] = *value; });
-        if cut { bytes.truncate(end.index(bytes.len())); }
-        std::fs::write(&path, bytes).unwrap();
-        if let Ok(arrays) = npz::read(&path) {
-            let _ = super::Points::new(&arrays, Some(0.5), &path);
-        }
-    }
+    let mut arrays = plate();
+    arrays.get_mut("cells").unwrap().data[4..8].copy_from_slice(&[0.0, 1.0, 2.0, 3.0]);
+    refused(&arrays, "point 4 belongs to no cell");
+    arrays = plate();
+    arrays.get_mut("node_type").unwrap().data[..3].fill(0.0);
+    refused(&arrays, "no handle");
+    arrays = plate();
+    arrays.remove("world_pos");
+    refused(&arrays, "world_pos: expected an array [frames, 9, 3] of two frames or more, found none");
 }
