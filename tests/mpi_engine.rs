@@ -8,17 +8,20 @@ mod ranks;
 
 #[path = "mpi_engine/bodies.rs"]
 mod bodies;
+#[path = "samples/flow.rs"]
+mod flow;
 
+use flow::Flow;
 use m4gn_base::{Error, Result};
 use m4gn_engine::Precision;
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{
-    Activation, Architecture, Kind, Level, M4gn, MacroSpec, Model, ModelSpec, NodeSums, Resolution, SegmentSpec,
-    cell_size,
+    Activation, Architecture, Kind, Level, M4gn, MacroSpec, Model, ModelSpec, NodeSums, Resolution,
+    SegmentSpec, cell_size,
 };
 use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
-use m4gn_step::{Field, FieldMut, Session, SessionOptions};
+use m4gn_step::{Session, SessionOptions};
 use std::process::ExitCode;
 
 /// Sums of neighbours and segments come in another order: a few units in the last place of fp32 a layer.
@@ -52,10 +55,12 @@ fn run(comm: &Comm) -> Vec<String> {
                 let name = format!("{layers_after} layers after, overlap {overlap}");
                 (name, spec(mesh.dim(), layers_after, overlap, rwse_steps))
             });
-            let mut gcn = spec(mesh.dim(), 0, 0, 0);
-            gcn.architecture.kind = Kind::Gcn { layers: 3 };
-            let mut bsms = spec(mesh.dim(), 0, 0, 0);
-            bsms.architecture.kind = Kind::BsmsGnn { levels: 4 };
+            let of_kind = |kind: Kind| {
+                let mut spec = spec(mesh.dim(), 0, 0, 0);
+                spec.architecture.kind = kind;
+                spec
+            };
+            let (gcn, bsms) = (of_kind(Kind::Gcn { layers: 3 }), of_kind(Kind::BsmsGnn { levels: 4 }));
             let eagle = [0, 1].map(|overlap| {
                 let mut eagle = spec(mesh.dim(), 1, overlap, 2);
                 eagle.architecture.kind =
@@ -109,9 +114,9 @@ fn run(comm: &Comm) -> Vec<String> {
 
 /// Without an outlet the level of a pressure is its mean, of the same bits on any number of ranks.
 fn level(comm: &Comm, mesh: &Mesh) -> std::result::Result<(), String> {
-    let ranks: Vec<i32> = (0..mesh.n_cells() as i32).map(|c| c % comm.size()).collect();
+    let (_, ranks) = sample::deals(mesh.n_cells(), comm.size()).swap_remove(1);
     let of = |mesh: &Mesh, comm: &Comm| {
-        let state = State::new(mesh);
+        let state = state(mesh);
         Level::new(mesh, comm).of(&state.p, &state.p_boundary, comm)
     };
     match (of(&sample::part(mesh, &ranks, comm.rank()), comm), of(mesh, &Comm::serial())) {
@@ -146,13 +151,13 @@ fn compare(
 ) -> Result<f64> {
     let model = Model::random(spec, 21)?;
     let mut serial = Session::new(Comm::serial(), mesh, &model, options)?;
-    let mut expected = State::new(mesh);
+    let mut expected = state(mesh);
     let part = sample::part(mesh, ranks, comm.rank());
     let mut session = Session::new(comm.clone(), &part, &model, options)?;
-    let mut found = State::new(&part);
+    let mut found = state(&part);
     for _ in 0..2 {
-        expected.step(&mut serial)?;
-        found.step(&mut session)?;
+        step(&mut expected, &mut serial)?;
+        step(&mut found, &mut session)?;
     }
     let largest = expected.u.iter().chain(&expected.p).fold(0f64, |m, v| m.max(v.abs()));
     let mut error = 0f64;
@@ -175,50 +180,35 @@ fn disagreement(comm: &Comm, mesh: &Mesh) -> std::result::Result<(), String> {
     let model = Model::random(spec(2, 1, 0, 0), 3).map_err(|e| e.to_string())?;
     let mut session =
         Session::new(comm.clone(), &part, &model, &SessionOptions::default()).map_err(|e| e.to_string())?;
-    let mut state = State::new(&part);
+    let mut state = state(&part);
     let culprit = comm.rank() == comm.size() - 1;
     if culprit {
         state.p[0] = f64::NAN;
     }
-    match (culprit, state.step(&mut session)) {
+    match (culprit, step(&mut state, &mut session)) {
         (true, Err(Error::Numerical(_))) | (false, Err(Error::OtherRank { .. })) => Ok(()),
         (_, other) => Err(format!("a NaN on the last rank gave {other:?} here")),
     }
 }
 
 /// Fields that are functions of global numbers.
-struct State {
-    u: Vec<f64>,
-    u_boundary: Vec<f64>,
-    p: Vec<f64>,
-    p_boundary: Vec<f64>,
+fn state(mesh: &Mesh) -> Flow {
+    let wave = |g: i64, k: f64| (k * g as f64).sin();
+    let cells = mesh.cell_global.iter();
+    let faces = mesh.boundary.iter().map(|b| b.global);
+    Flow {
+        u: cells.clone().flat_map(|&g| [wave(g, 0.3), wave(g, 0.7), wave(g, 0.9)]).collect(),
+        u_boundary: faces.clone().flat_map(|g| [wave(g, 0.2), 0.0, 0.0]).collect(),
+        p: cells.map(|&g| wave(g, 1.1)).collect(),
+        p_boundary: faces.map(|g| wave(g, 0.4)).collect(),
+    }
 }
 
-impl State {
-    fn new(mesh: &Mesh) -> Self {
-        let wave = |g: i64, k: f64| (k * g as f64).sin();
-        let cells = mesh.cell_global.iter();
-        let faces = mesh.boundary.iter().map(|b| b.global);
-        State {
-            u: cells.clone().flat_map(|&g| [wave(g, 0.3), wave(g, 0.7), wave(g, 0.9)]).collect(),
-            u_boundary: faces.clone().flat_map(|g| [wave(g, 0.2), 0.0, 0.0]).collect(),
-            p: cells.map(|&g| wave(g, 1.1)).collect(),
-            p_boundary: faces.map(|g| wave(g, 0.4)).collect(),
-        }
-    }
-
-    fn step(&mut self, session: &mut Session) -> Result<()> {
-        let (u, p) = (self.u.clone(), self.p.clone());
-        let fields = [
-            Field { name: "U", components: 3, cells: &u, boundary: &self.u_boundary },
-            Field { name: "p", components: 1, cells: &p, boundary: &self.p_boundary },
-        ];
-        let mut out = [
-            FieldMut { name: "p", components: 1, cells: &mut self.p },
-            FieldMut { name: "U", components: 3, cells: &mut self.u },
-        ];
-        session.step(&fields, &mut out)
-    }
+fn step(state: &mut Flow, session: &mut Session) -> Result<()> {
+    let (mut u, mut p) = (state.u.clone(), state.p.clone());
+    state.step(session, &mut u, &mut p)?;
+    (state.u, state.p) = (u, p);
+    Ok(())
 }
 
 fn spec(dim: usize, layers_after: usize, overlap: usize, rwse_steps: usize) -> ModelSpec {

@@ -1,12 +1,16 @@
 //! A step allocates nothing: a solver calls it thousands of times beside its own work.
 #![allow(unsafe_code)]
 
+#[path = "samples/flow.rs"]
+mod flow;
+
+use flow::Flow;
 use m4gn_engine::Precision;
 use m4gn_mesh::NodeType;
 use m4gn_model::{Activation, Architecture, Kind, M4gn, MacroSpec, Model, ModelSpec, SegmentSpec};
 use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
-use m4gn_step::{Field, FieldMut, Session, SessionOptions};
+use m4gn_step::{Session, SessionOptions};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
@@ -64,23 +68,13 @@ fn a_step_allocates_nothing() {
         let options = SessionOptions { precision: precision.into(), n_threads, ..SessionOptions::default() };
         let mut session = Session::new(Comm::serial(), &mesh, &model, &options).unwrap();
         let (n, b) = (mesh.n_cells(), mesh.boundary.len());
-        let (u, ub, p, pb) = (vec![0.1; 3 * n], vec![0.2; 3 * b], vec![0.3; n], vec![0.4; b]);
-        let (mut u_new, mut p_new) = (vec![0.0; 3 * n], vec![0.0; n]);
-        let mut step = || {
-            let fields = [
-                Field { name: "U", components: 3, cells: &u, boundary: &ub },
-                Field { name: "p", components: 1, cells: &p, boundary: &pb },
-            ];
-            let mut out = [
-                FieldMut { name: "U", components: 3, cells: &mut u_new },
-                FieldMut { name: "p", components: 1, cells: &mut p_new },
-            ];
-            let before = COUNT.get();
-            session.step(&fields, &mut out).unwrap();
-            COUNT.get() - before
-        };
+        let (u, u_boundary, p, p_boundary) = (vec![0.1; 3 * n], vec![0.2; 3 * b], vec![0.3; n], vec![0.4; b]);
+        let flow = Flow { u, u_boundary, p, p_boundary };
+        let (mut u, mut p) = (vec![0.0; 3 * n], vec![0.0; n]);
         for i in 0..3 {
-            let count = step();
+            let before = COUNT.get();
+            flow.step(&mut session, &mut u, &mut p).unwrap();
+            let count = COUNT.get() - before;
             assert_eq!(count, 0, "width {width}: step {i} allocated {count} times");
         }
     }

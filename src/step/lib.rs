@@ -185,4 +185,9 @@ impl Session {
 #[cfg(test)]
 mod body_tests;
 #[cfg(test)]
+extern crate self as m4gn_step;
+#[cfg(test)]
+#[path = "../../tests/samples/flow.rs"]
+mod flow;
+#[cfg(test)]
 mod tests;

@@ -1,5 +1,6 @@
 //! Sessions on sample meshes, in serial.
 
+use super::flow::Flow;
 use super::*;
 use m4gn_base::Error;
 use m4gn_mesh::{Mesh, NodeType};
@@ -23,16 +24,9 @@ fn session_of(spec: ModelSpec, options: &SessionOptions) -> Session {
     Session::new(Comm::serial(), &mesh, &model, options).unwrap()
 }
 
-struct State {
-    u: Vec<f64>,
-    u_boundary: Vec<f64>,
-    p: Vec<f64>,
-    p_boundary: Vec<f64>,
-}
-
-fn state(s: &Session) -> State {
+fn state(s: &Session) -> Flow {
     let wave = |n: usize| (0..n).map(|i| (0.3 * i as f64).sin()).collect::<Vec<_>>();
-    State {
+    Flow {
         u: wave(3 * s.n_cells()),
         u_boundary: wave(3 * s.n_boundary()),
         p: wave(s.n_cells()),
@@ -40,24 +34,10 @@ fn state(s: &Session) -> State {
     }
 }
 
-impl State {
-    fn fields(&self) -> [Field<'_>; 2] {
-        [
-            Field { name: "U", components: 3, cells: &self.u, boundary: &self.u_boundary },
-            Field { name: "p", components: 1, cells: &self.p, boundary: &self.p_boundary },
-        ]
-    }
-}
-
 /// A step from `state`: U and p, which are 7 where nothing was written.
-fn step(s: &mut Session, state: &State) -> (Result<()>, Vec<f64>, Vec<f64>) {
+fn step(s: &mut Session, state: &Flow) -> (Result<()>, Vec<f64>, Vec<f64>) {
     let (mut u, mut p) = (vec![7.0; state.u.len()], vec![7.0; state.p.len()]);
-    let mut out = [("U", 3, &mut u), ("p", 1, &mut p)].map(|(name, components, cells)| FieldMut {
-        name,
-        components,
-        cells,
-    });
-    let done = s.step(&state.fields(), &mut out);
+    let done = state.step(s, &mut u, &mut p);
     (done, u, p)
 }
 
@@ -156,24 +136,21 @@ fn wrong_fields_are_refused_and_outputs_left_alone() {
     ];
     for (fields, message) in cases {
         let (mut a, mut b) = (vec![7.0; state.u.len()], vec![7.0; state.p.len()]);
-        let mut out = [
-            FieldMut { name: "U", components: 3, cells: &mut a },
-            FieldMut { name: "p", components: 1, cells: &mut b },
-        ];
+        let mut out = [("U", 3, &mut a), ("p", 1, &mut b)].map(|(name, components, cells)| FieldMut {
+            name,
+            components,
+            cells,
+        });
         let error = s.step(fields, &mut out).unwrap_err().to_string();
         assert!(error.contains(message), "{error}");
         assert!(a.iter().chain(&b).all(|v| *v == 7.0));
     }
-    let mut a = vec![7.0; state.u.len()];
-    let mut only = [FieldMut { name: "U", components: 3, cells: &mut a }];
-    assert!(
-        s.step(&state.fields(), &mut only)
-            .unwrap_err()
-            .to_string()
-            .contains("no array for the predicted field 'p'")
-    );
-    let mut other = [FieldMut { name: "T", components: 1, cells: &mut a }];
-    assert!(s.step(&state.fields(), &mut other).unwrap_err().to_string().contains("predicts U, p"));
+    for (name, components, words) in
+        [("U", 3, "no array for the predicted field 'p'"), ("T", 1, "predicts U, p")]
+    {
+        let mut only = [FieldMut { name, components, cells: &mut vec![7.0; state.u.len()] }];
+        assert!(s.step(&state.fields(), &mut only).unwrap_err().to_string().contains(words));
+    }
 }
 
 #[test]
@@ -189,42 +166,31 @@ fn a_result_that_overflows_is_a_numerical_error() {
 
 #[test]
 fn cases_that_do_not_fit_are_refused() {
-    let refused = |mesh: &Mesh, spec: m4gn_model::ModelSpec, options: SessionOptions| {
+    let refused = |mesh: &Mesh, spec: ModelSpec, options: SessionOptions, words: &[&str]| {
         let model = Model::random(spec, 1).unwrap();
-        match Session::new(Comm::serial(), mesh, &model, &options) {
-            Ok(_) => panic!("not refused"),
-            Err(e) => e.to_string(),
-        }
+        let session = Session::new(Comm::serial(), mesh, &model, &options);
+        let message = session.err().expect("not refused").to_string();
+        assert!(words.iter().all(|word| message.contains(word)), "{message}");
     };
     let mesh = sample::rectangle(6, 4, 1.0, 1.0);
     let default = SessionOptions::default;
 
     let mut s = spec();
     s.node_types.retain(|t| *t != NodeType::Outlet);
-    let message = refused(&mesh, s, default());
-    assert!(message.contains("the model knows fluid, wall, inlet; patch '"), "{message}");
-    assert!(message.contains("is outlet"), "{message}");
-
-    let message = refused(&sample::block([3, 2, 2], [1.0; 3]), spec(), default());
-    assert!(message.contains("trained in 2 dimensions; this case solves 3 (x, y, z)"), "{message}");
-
-    let message = refused(&mesh, spec(), SessionOptions { segments: entries("count", 25), ..default() });
-    assert!(message.contains("25 segments for 24 cells"), "{message}");
+    refused(&mesh, s, default(), &["the model knows fluid, wall, inlet; patch '", "is outlet"]);
+    let block = sample::block([3, 2, 2], [1.0; 3]);
+    refused(&block, spec(), default(), &["trained in 2 dimensions; this case solves 3 (x, y, z)"]);
+    let many = SessionOptions { segments: entries("count", 25), ..default() };
+    refused(&mesh, spec(), many, &["25 segments for 24 cells"]);
     // On the network's own, coarser graph: the count of the case's cells says nothing
     let mut s = spec();
     s.resolution = Some(0.4);
     let options = SessionOptions { segments: entries("count", 20), ..default() };
-    let message = refused(&mesh, s, options);
-    assert!(
-        message.contains("the 24 cells of this case are ") && message.contains("and it has 20 segments"),
-        "{message}"
-    );
-    let message = refused(&mesh, spec(), SessionOptions { segments: entries("tau", -1), ..default() });
-    assert!(message.contains("tau"), "{message}");
-    let message = refused(&mesh, spec(), SessionOptions { cell_segment: Some(vec![0; 3]), ..default() });
-    assert!(message.contains("3 segment labels for 24 cells"), "{message}");
-    let message = refused(&mesh, spec(), SessionOptions { n_threads: 1 << 20, ..default() });
-    assert!(message.contains("n_threads"), "{message}");
+    refused(&mesh, s, options, &["the 24 cells of this case are ", "and it has 20 segments"]);
+    refused(&mesh, spec(), SessionOptions { segments: entries("tau", -1), ..default() }, &["tau"]);
+    let labels = SessionOptions { cell_segment: Some(vec![0; 3]), ..default() };
+    refused(&mesh, spec(), labels, &["3 segment labels for 24 cells"]);
+    refused(&mesh, spec(), SessionOptions { n_threads: 1 << 20, ..default() }, &["n_threads"]);
     assert!(Backend::parse("tensorflow").is_err() && Backend::parse("torch:").is_err());
 }
 
@@ -297,14 +263,9 @@ fn a_free_face_is_seen_as_its_cell() {
     let model = Model::random(s, 11).unwrap();
     let mut session = Session::new(Comm::serial(), &mesh, &model, &SessionOptions::default()).unwrap();
     let mut state = state(&session);
-    let mut stepped = |state: &State| {
-        let (mut u, mut p) = (vec![0.0; state.u.len()], vec![0.0; state.p.len()]);
-        let mut out = [("U", 3, &mut u), ("p", 1, &mut p)].map(|(name, components, cells)| FieldMut {
-            name,
-            components,
-            cells,
-        });
-        session.step(&state.fields(), &mut out).unwrap();
+    let mut stepped = |state: &Flow| {
+        let (done, u, _) = step(&mut session, state);
+        done.unwrap();
         u
     };
     let first = stepped(&state);

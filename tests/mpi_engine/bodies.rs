@@ -1,8 +1,8 @@
 //! Bodies at points: an obstacle goes down on a beam that several ranks share, and away again.
 
 use m4gn_base::{Error, Result};
-use m4gn_mesh::NodeType;
 use m4gn_mesh::body::Body;
+use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{ContactSpec, Kind, Model, ModelSpec, SegmentMethod, SegmentSpec, WorldEdges};
 use m4gn_parallel::Comm;
 use m4gn_samples::bodies as sample;
@@ -67,27 +67,31 @@ pub fn failures(comm: &Comm, base: &ModelSpec) -> Vec<String> {
     failures
 }
 
+/// This rank's part of a body under an obstacle at this height, and sessions of the whole and of the parts.
+fn sessions(comm: &Comm, model: &Model, body: &Body, height: f64) -> Result<(Mesh, [Session; 2])> {
+    let obstacle = sample::octahedron([4.0, 0.8, height], 0.5);
+    // As a host may deal the points out: in turns along the beam.
+    let size = comm.size() as usize;
+    let ranks: Vec<i32> = (0..body.positions.len()).map(|p| (p % 10 * size / 10) as i32).collect();
+    let part = body.share(Some(&obstacle), &ranks, comm.rank());
+    let options = SessionOptions::default();
+    let serial = Session::new(Comm::serial(), &body.mesh(Some(&obstacle)), model, &options)?;
+    let session = Session::new(comm.clone(), &part, model, &options)?;
+    Ok((part, [serial, session]))
+}
+
 /// Largest difference of the steps from serial, relative to the largest change.
 fn compare(comm: &Comm, spec: ModelSpec) -> Result<f64> {
     let model = Model::random(spec, 3)?;
     let body = sample::block([9, 3, 2], [4.5, 1.5, 1.0]);
-    let obstacle = sample::octahedron([4.0, 0.8, 1.7], 0.5);
-    let options = SessionOptions::default();
-    let whole = body.mesh(Some(&obstacle));
-    // As a host may deal the points out: in turns along the beam.
-    let n = body.positions.len();
-    let size = comm.size() as usize;
-    let ranks: Vec<i32> = (0..n).map(|p| (p % 10 * size / 10) as i32).collect();
-    let part = body.share(Some(&obstacle), &ranks, comm.rank());
-    let mut serial = Session::new(Comm::serial(), &whole, &model, &options)?;
-    let mut session = Session::new(comm.clone(), &part, &model, &options)?;
+    let (part, [mut serial, mut session]) = sessions(comm, &model, &body, 1.7)?;
     for (&p, &segment) in part.cell_global.iter().zip(session.cell_segment()) {
         if serial.cell_segment()[p as usize] != segment {
             return Err(Error::Internal(format!("point {p} has another segment than in serial")));
         }
     }
     let own = |u: &[[f64; 3]]| -> Vec<[f64; 3]> { part.cell_global.iter().map(|&p| u[p as usize]).collect() };
-    let mut start = vec![[0.0; 3]; n];
+    let mut start = vec![[0.0; 3]; body.positions.len()];
     let (mut worst, mut largest) = (0f64, 0f64);
     for step in [0, 1, 2, 9] {
         let at = |s: i32| vec![[0.02 * f64::from(s), 0.0, -0.2 * f64::from(s % 4)]; 6];
@@ -112,18 +116,12 @@ fn compare(comm: &Comm, spec: ModelSpec) -> Result<f64> {
 
 /// A session that goes on from its own steps, against one rank, under an obstacle that presses from above `top`.
 fn goes_on(comm: &Comm, spec: &ModelSpec, body: &Body, top: f64) -> Result<()> {
-    let options = SessionOptions::default();
     let mut model = Model::random(spec.clone(), 3)?;
     // Random weights move points far.
     if let Some(std) = model.tensors.get_mut("norm.output.std") {
         std.data.fill(0.01);
     }
-    let obstacle = sample::octahedron([4.0, 0.8, top + 0.7], 0.5);
-    let size = comm.size() as usize;
-    let ranks: Vec<i32> = (0..body.positions.len()).map(|p| (p % 10 * size / 10) as i32).collect();
-    let part = body.share(Some(&obstacle), &ranks, comm.rank());
-    let mut serial = Session::new(Comm::serial(), &body.mesh(Some(&obstacle)), &model, &options)?;
-    let mut session = Session::new(comm.clone(), &part, &model, &options)?;
+    let (part, [mut serial, mut session]) = sessions(comm, &model, body, top + 0.7)?;
     let mut alone = vec![[0.0; 3]; body.positions.len()];
     let mut shared = vec![[0.0; 3]; part.cell_global.len()];
     let at = |s: i32| vec![[0.02 * f64::from(s), 0.0, -0.1 * f64::from(s)]; 6];
