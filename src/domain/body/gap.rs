@@ -1,6 +1,5 @@
 //! The gap between a body's skin and a rigid obstacle, as the generator of the data measures it.
 
-use m4gn_base::Result;
 use m4gn_mesh::elements::Elements;
 use m4gn_mesh::surface::Surface;
 use m4gn_mesh::vector::{Vector, norm, sub};
@@ -41,23 +40,8 @@ impl Samples {
         Samples { of }
     }
 
-    /// The smallest gap between the body at `positions` (m) and an obstacle at `obstacle` with these triangles, in
-    /// units of `cell_size`. None where there are no samples.
-    ///
-    /// # Errors
-    /// When the obstacle is no closed surface.
-    pub fn worst(
-        &self,
-        positions: &[Vector],
-        obstacle: &[Vector],
-        triangles: &[[i32; 3]],
-        cell_size: f64,
-    ) -> Result<Option<Gap>> {
-        Ok(self.worst_from(positions, &Surface::new(obstacle, triangles)?, cell_size))
-    }
-
-    /// The same against a surface that is at hand.
-    pub fn worst_from(&self, positions: &[Vector], surface: &Surface, cell_size: f64) -> Option<Gap> {
+    /// The smallest gap between the body at `positions` (m) and an obstacle, in units of `cell_size`. None where there are no samples.
+    pub fn worst(&self, positions: &[Vector], surface: &Surface, cell_size: f64) -> Option<Gap> {
         let mut worst: Option<(f64, Vector)> = None;
         for sample in &self.of {
             let x = mean(sample, positions);
@@ -130,7 +114,7 @@ mod tests {
         let (points, triangles) = brick([0.2; 3]);
         let obstacle: Vec<Vector> =
             points.iter().map(|p| [p[0] + 1.0 + shift, p[1] + 0.4, p[2] + 0.4]).collect();
-        samples.worst(&positions, &obstacle, &triangles, 0.5).unwrap().unwrap()
+        samples.worst(&positions, &Surface::new(&obstacle, &triangles).unwrap(), 0.5).unwrap()
     }
 
     #[test]
@@ -147,6 +131,6 @@ mod tests {
         let body = Elements::of_kind(ElementKind::Hexahedron, (0..8).collect());
         let (points, triangles) = brick([1.0; 3]);
         let samples = Samples::new(&body, |_| true);
-        assert_eq!(samples.worst(&points, &points, &triangles, 1.0).unwrap(), None);
+        assert_eq!(samples.worst(&points, &Surface::new(&points, &triangles).unwrap(), 1.0), None);
     }
 }

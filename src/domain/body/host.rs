@@ -6,7 +6,7 @@ use super::start::check_start;
 use crate::field::expect_shape;
 use crate::host::{Host, HostOptions, Hosted, Predict};
 use crate::{Domain, Field};
-use m4gn_base::{Error, Result, refuse};
+use m4gn_base::{Error, Result, refuse, refuse_any};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::body::Obstacle;
 use m4gn_mesh::vector::Vector;
@@ -88,7 +88,9 @@ impl BodyHost {
                     .into(),
             )),
         };
-        let checked = motion.and_then(|m| self.check(displacement, "now").map(|()| m));
+        let point = |i: usize| self.points[self.place[i]];
+        let checked =
+            motion.and_then(|m| check("body", "now", displacement, self.place.len(), point).map(|()| m));
         let [now, after] = comm.agree(checked)?;
         self.predict(comm, network, displacement, [&now, &after])?;
         let end = comm.agree(self.moved(displacement))?;
@@ -136,37 +138,20 @@ impl BodyHost {
 
     fn check_obstacle(&self, values: &[Vector], when: &str) -> Result<()> {
         let n = self.obstacle.as_ref().map_or(0, |o| o.positions.len());
-        refuse(values.len() != n, Error::Input, || {
-            format!("displacement of the obstacle {when}: expected {n} points, found {}", values.len())
-        })?;
-        match values.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
-            Some(i) => Err(Error::Numerical(format!(
-                "displacement of the obstacle {when}: {:?} at point {i}",
-                values[i]
-            ))),
-            None => self.obstacle.as_ref().map_or(Ok(()), |o| {
-                let rigid = o.check_motion(values);
-                rigid.map_err(|e| Error::Input(format!("displacement of the obstacle {when}: {e}")))
-            }),
-        }
+        check("obstacle", when, values, n, |i| i as u32)?;
+        let rigid = self.obstacle.as_ref().map_or(Ok(()), |o| o.check_motion(values));
+        rigid.map_err(|e| Error::Input(format!("displacement of the obstacle {when}: {e}")))
     }
+}
 
-    fn check(&self, displacement: &[Vector], when: &str) -> Result<()> {
-        if displacement.len() != self.place.len() {
-            return Err(Error::Input(format!(
-                "displacement of the body {when}: expected {} points, found {}",
-                self.place.len(),
-                displacement.len()
-            )));
-        }
-        match displacement.iter().position(|u| u.iter().any(|v| !v.is_finite())) {
-            Some(i) => Err(Error::Numerical(format!(
-                "displacement of the body {when}: {:?} at point {}",
-                displacement[i], self.points[self.place[i]]
-            ))),
-            None => Ok(()),
-        }
-    }
+/// Whether these are displacements of n points.
+fn check(what: &str, when: &str, values: &[Vector], n: usize, point: impl Fn(usize) -> u32) -> Result<()> {
+    refuse(values.len() != n, Error::Input, || {
+        format!("displacement of the {what} {when}: expected {n} points, found {}", values.len())
+    })?;
+    refuse_any(values.iter().position(|u| u.iter().any(|v| !v.is_finite())), Error::Numerical, |i| {
+        format!("displacement of the {what} {when}: {:?} at point {}", values[i], point(i))
+    })
 }
 
 /// The first rank's values on all ranks. Collective.

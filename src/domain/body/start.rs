@@ -38,7 +38,7 @@ pub(super) fn check_start(body: &Body, obstacle: Option<&Obstacle>) -> Result<()
 
 fn check_apart(body: &Body, obstacle: &Obstacle, cell: f64) -> Result<()> {
     let surface = Surface::new(&obstacle.positions, &obstacle.triangles)?;
-    let gap = samples(body).worst_from(&body.positions, &surface, cell);
+    let gap = samples(body).worst(&body.positions, &surface, cell);
     let skin = Skin::new(body).surface(&body.positions);
     let inside = obstacle.positions.iter().map(|&x| (skin.distance(x) / cell, x));
     let inside = inside.fold(

@@ -8,6 +8,7 @@ use m4gn_domain::body::parts::BetweenParts;
 use m4gn_domain::body::quality::{Comparison, Quality};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::body::{Body, Obstacle};
+use m4gn_mesh::surface::Surface;
 use m4gn_mesh::vector::{Vector, moved};
 
 /// A body and the obstacle that may touch it.
@@ -53,15 +54,15 @@ impl<'a> Shape<'a> {
     /// points, m; none without either.
     ///
     /// # Errors
-    /// As [`Samples::worst`].
+    /// As [`Surface::new`].
     pub fn gap(&self, found: &[f64], motion: &[Vector]) -> Result<Option<Gap>> {
         if self.obstacle.is_none() && self.parts.is_none() {
             return Ok(None);
         }
         let places = moved(&self.body.positions, found.as_chunks().0);
-        let to_obstacle = self.obstacle.map(|obstacle| {
-            let surface = moved(&obstacle.positions, motion);
-            self.samples.worst(&places, &surface, &obstacle.triangles, self.cell)
+        let to_obstacle = self.obstacle.map(|obstacle| -> Result<Option<Gap>> {
+            let surface = Surface::new(&moved(&obstacle.positions, motion), &obstacle.triangles)?;
+            Ok(self.samples.worst(&places, &surface, self.cell))
         });
         let between = self.parts.as_ref().and_then(|parts| parts.gap(&places));
         let gaps = to_obstacle.transpose()?.flatten().into_iter().chain(between);
