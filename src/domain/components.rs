@@ -3,7 +3,7 @@
 use m4gn_model::{FieldSpec, ModelSpec, Output};
 
 /// Components of the fields: which are inputs, which outputs, and how.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Components {
     /// Components of all fields together.
     pub count: usize,
@@ -26,16 +26,7 @@ pub struct Components {
 impl Components {
     /// Counts the components of a model's fields.
     pub fn new(spec: &ModelSpec) -> Self {
-        let mut c = Components {
-            count: 0,
-            field: vec![],
-            inputs: vec![],
-            outputs: vec![],
-            delta: vec![],
-            given: vec![],
-            odd: vec![],
-            fields: spec.fields.clone(),
-        };
+        let mut c = Components { fields: spec.fields.clone(), ..Components::default() };
         for (f, field) in spec.fields.iter().enumerate() {
             for i in 0..field.components(spec.dim) {
                 if field.input {

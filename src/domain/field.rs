@@ -58,6 +58,5 @@ pub fn expect_shape(
     }
     refuse(len != n * components, Error::Input, || {
         format!("field '{name}': expected {} {what} values ({n} x {components}), found {len}", n * components)
-    })?;
-    Ok(())
+    })
 }

@@ -95,18 +95,11 @@ impl CellsHost {
         let width = self.domain.components().count;
         let mut state = std::mem::take(&mut self.state);
         let mut column = 0;
-        let mut read = || -> Result<()> {
-            for spec in &self.spec.fields {
-                let directions = self.directions(spec.vector);
-                let columns = column..column + directions.len();
-                column = columns.end;
-                if spec.input {
-                    self.read(spec, fields, &mut state, (width, columns))?;
-                }
-            }
-            Ok(())
-        };
-        let done = read();
+        let done = self.spec.fields.iter().try_for_each(|spec| {
+            let columns = column..column + self.directions(spec.vector).len();
+            column = columns.end;
+            if spec.input { self.read(spec, fields, &mut state, (width, columns)) } else { Ok(()) }
+        });
         self.state = state;
         done
     }
