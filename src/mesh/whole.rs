@@ -19,15 +19,11 @@ fn collect<T: Element>(comm: &Comm, local: &[T]) -> Option<Vec<T>> {
 /// [`Error::Mesh`] when the global numbers of cells or boundary faces are no permutation.
 pub fn whole_mesh(comm: &Comm, mesh: &Mesh) -> Option<Result<Mesh>> {
     let global = |cell: i32| mesh.cell_global.get(cell as usize).copied().unwrap_or(-1);
-    let centres = collect(comm, &flat(mesh.cell_centres.iter()));
+    let centres = collect(comm, mesh.cell_centres.as_flattened());
     let volumes = collect(comm, &mesh.cell_volumes);
     let cells = collect(comm, &mesh.cell_global);
-    let pairs: Vec<i64> = mesh
-        .face_owner
-        .iter()
-        .zip(&mesh.face_neighbour)
-        .flat_map(|(&o, &n)| [global(o), global(n)])
-        .collect();
+    let pairs = mesh.face_owner.iter().zip(&mesh.face_neighbour);
+    let pairs: Vec<i64> = pairs.flat_map(|(&o, &n)| [global(o), global(n)]).collect();
     let pairs = collect(comm, &pairs);
     let coeff = collect(comm, &mesh.face_coeff);
     let b = &mesh.boundary;
@@ -59,7 +55,8 @@ pub fn whole_mesh(comm: &Comm, mesh: &Mesh) -> Option<Result<Mesh>> {
         Ok(order) => order,
         Err(e) => return Some(Err(e)),
     };
-    let (centres, volumes) = (rows::<3>(&centres?), volumes?);
+    let (centres, volumes) = (centres?, volumes?);
+    let centres = centres.as_chunks::<3>().0;
     if centres.len() != n || volumes.len() != n {
         return Some(Err(Error::Mesh(format!(
             "{n} cells with {} centres and {} volumes",
@@ -71,7 +68,8 @@ pub fn whole_mesh(comm: &Comm, mesh: &Mesh) -> Option<Result<Mesh>> {
     whole.cell_volumes = order.iter().map(|&i| volumes[i]).collect();
 
     if let Some(elastic) = &mesh.elastic {
-        let (m, modes) = (elastic.eigenvalues.len(), rows::<3>(&modes?));
+        let (m, modes) = (elastic.eigenvalues.len(), modes?);
+        let modes = modes.as_chunks::<3>().0;
         whole.elastic = Some(ElasticModes {
             eigenvalues: elastic.eigenvalues.clone(),
             vectors: (0..m).map(|k| order.iter().map(|&i| modes[i * m + k]).collect()).collect(),
@@ -80,8 +78,7 @@ pub fn whole_mesh(comm: &Comm, mesh: &Mesh) -> Option<Result<Mesh>> {
 
     let mut faces: Vec<(i64, i64, f64)> =
         pairs?.chunks_exact(2).zip(coeff?).map(|(p, c)| (p[0].min(p[1]), p[0].max(p[1]), c)).collect();
-    for (pair, d) in rows_i::<2>(&coupled?).into_iter().zip(rows::<4>(&deltas?)) {
-        let [owner, neighbour] = pair;
+    for (&[owner, neighbour], d) in coupled?.as_chunks::<2>().0.iter().zip(deltas?.as_chunks::<4>().0) {
         let outside = [owner, neighbour].iter().any(|&g| usize::try_from(g).map_or(true, |g| g >= n));
         if outside {
             return Some(Err(Error::Mesh(format!(
@@ -92,14 +89,8 @@ pub fn whole_mesh(comm: &Comm, mesh: &Mesh) -> Option<Result<Mesh>> {
         let length = d[..3].iter().map(|x| x * x).sum::<f64>().sqrt();
         let straight = (0..3).all(|k| (to[k] - from[k] - d[k]).abs() <= 1e-5 * length);
         if !straight {
-            let delta = [d[0], d[1], d[2]];
-            whole.coupled.push(CoupledFace {
-                owner: owner as i32,
-                rank: 0,
-                global: neighbour,
-                delta,
-                coeff: d[3],
-            });
+            let (owner, delta) = (owner as i32, [d[0], d[1], d[2]]);
+            whole.coupled.push(CoupledFace { owner, rank: 0, global: neighbour, delta, coeff: d[3] });
         } else if owner < neighbour {
             // The other side's entry is the same face.
             faces.push((owner, neighbour, d[3]));
@@ -114,7 +105,8 @@ pub fn whole_mesh(comm: &Comm, mesh: &Mesh) -> Option<Result<Mesh>> {
     whole.face_neighbour = faces.iter().map(|f| f.1 as i32).collect();
     whole.face_coeff = faces.iter().map(|f| f.2).collect();
 
-    Some(boundary(&rows_i::<4>(&labels?), &rows::<7>(&reals?)).map(|boundary| Mesh { boundary, ..whole }))
+    let boundary = boundary(labels?.as_chunks().0, reals?.as_chunks().0);
+    Some(boundary.map(|boundary| Mesh { boundary, ..whole }))
 }
 
 fn boundary(labels: &[[i64; 4]], reals: &[[f64; 7]]) -> Result<Vec<BoundaryFace>> {
@@ -151,16 +143,4 @@ fn permutation(numbers: &[i64], what: &str) -> Result<Vec<usize>> {
         }
     }
     Ok(order)
-}
-
-fn flat<'a>(values: impl Iterator<Item = &'a [f64; 3]>) -> Vec<f64> {
-    values.flatten().copied().collect()
-}
-
-fn rows<const N: usize>(values: &[f64]) -> Vec<[f64; N]> {
-    values.as_chunks::<N>().0.to_vec()
-}
-
-fn rows_i<const N: usize>(values: &[i64]) -> Vec<[i64; N]> {
-    values.as_chunks::<N>().0.to_vec()
 }
