@@ -89,20 +89,6 @@ pub enum ModalOperator {
     Elastic,
 }
 
-impl ModalOperator {
-    /// From a dictionary's word.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for any other word than `laplacian` and `elastic`.
-    pub fn parse(word: &str) -> Result<Self> {
-        match word {
-            "laplacian" => Ok(ModalOperator::Laplacian),
-            "elastic" => Ok(ModalOperator::Elastic),
-            _ => Err(Error::Input(format!("modal operator '{word}': expected laplacian or elastic"))),
-        }
-    }
-}
-
 /// The entry that says how the modes are computed, and nothing of what the segments are.
 const WAY: &str = "modal_solver";
 
