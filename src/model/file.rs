@@ -91,20 +91,13 @@ impl Model {
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
         let json = serde_json::to_string(&self.spec)
             .map_err(|e| Error::Model(format!("the description cannot be written as JSON: {e}")))?;
-        let bytes: BTreeMap<&str, Vec<u8>> = self
-            .tensors
-            .iter()
-            .map(|(name, t)| (name.as_str(), t.data.iter().flat_map(|v| v.to_le_bytes()).collect()))
-            .collect();
-        let views: Vec<(&str, TensorView)> = self
-            .tensors
-            .iter()
-            .map(|(name, t)| {
-                let view = TensorView::new(Dtype::F32, t.shape.clone(), &bytes[name.as_str()])
-                    .map_err(|e| Error::Model(format!("tensor '{name}': {e}")))?;
-                Ok((name.as_str(), view))
-            })
-            .collect::<Result<_>>()?;
+        let bytes = |t: &Tensor| -> Vec<u8> { t.data.iter().flat_map(|v| v.to_le_bytes()).collect() };
+        let bytes: Vec<Vec<u8>> = self.tensors.values().map(bytes).collect();
+        let views = self.tensors.iter().zip(&bytes).map(|((name, t), bytes)| {
+            let view = TensorView::new(Dtype::F32, t.shape.clone(), bytes);
+            Ok((name, view.map_err(|e| Error::Model(format!("tensor '{name}': {e}")))?))
+        });
+        let views = views.collect::<Result<Vec<_>>>()?;
         safetensors::serialize(views, Some(HashMap::from([(KEY.to_owned(), json)])))
             .map_err(|e| Error::Model(format!("the model cannot be written: {e}")))
     }
@@ -186,7 +179,6 @@ fn damaged(e: &SafeTensorError, length: u64) -> Error {
 mod tests {
     use super::*;
     use crate::sample::spec;
-    use proptest::prelude::*;
     use std::io::Write;
 
     #[test]
@@ -274,30 +266,5 @@ mod tests {
         let bytes = safetensors::serialize([("a", view)], None).unwrap();
         let message = Model::from_bytes(&bytes, "b").unwrap_err().to_string();
         assert!(message.contains("no 'm4gn' entry"), "{message}");
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..ProptestConfig::default() })]
-
-        /// Whatever is cut off or flipped, reading ends in a model or an error, never in a panic.
-        #[test]
-        fn damaged_bytes_never_panic(cut in any::<prop::sample::Index>(), truncate in any::<bool>(),
-                                     flips in prop::collection::vec((any::<prop::sample::Index>(), 0u8..8), 0..20),
-                                     in_header in any::<bool>()) {
-            let mut bytes = Model::random(spec(), 3).unwrap().to_bytes().unwrap();
-            if truncate {
-                bytes.truncate(cut.index(bytes.len()));
-            }
-            let range = if in_header { bytes.len().min(12_000) } else { bytes.len() };
-            for (at, bit) in flips {
-                if range > 0 {
-                    let i = at.index(range);
-                    bytes[i] ^= 1 << bit;
-                }
-            }
-            if let Ok(model) = Model::from_bytes(&bytes, "damaged") {
-                prop_assert!(model.spec.check().is_ok());
-            }
-        }
     }
 }
