@@ -9,7 +9,7 @@
 //! handlers of the libraries that it brings would return into nothing.
 #![allow(unsafe_code)]
 
-use crate::{Error, Result};
+use crate::{Error, Result, refuse};
 use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_LOCAL, RTLD_NOW};
 use std::ffi::{CStr, CString, OsString, c_char, c_void};
 use std::mem::ManuallyDrop;
@@ -112,20 +112,17 @@ impl Description {
             .map_err(|e| Error::file(&path, format!("cannot be loaded ({e}). {}", self.remedy)))?;
         let library = ManuallyDrop::new(library);
         // SAFETY: the type of this function is the same in all versions of all interfaces.
-        let version = unsafe {
-            symbol::<unsafe extern "C" fn() -> u32>(&library, &path, &format!("{}_abi_version", self.prefix))?(
+        let version: unsafe extern "C" fn() -> u32 =
+            unsafe { symbol(&library, &path, &format!("{}_abi_version", self.prefix))? };
+        // SAFETY: as above.
+        let (version, own) = (unsafe { version() }, self.version);
+        let wrong = |what: String| Error::file(&path, what);
+        refuse(version != own, wrong, || {
+            format!(
+                "version {version} of its interface, this program needs {own}: build both from one checkout with \
+                 setup/build.sh"
             )
-        };
-        if version != self.version {
-            return Err(Error::file(
-                &path,
-                format!(
-                    "version {version} of its interface, this program needs {}: build both from one checkout with \
-                     setup/build.sh",
-                    self.version
-                ),
-            ));
-        }
+        })?;
         // SAFETY: as above.
         let last_error = unsafe { symbol(&library, &path, &format!("{}_last_error", self.prefix))? };
         Ok(Plugin { library, path, last_error })

@@ -37,10 +37,9 @@ impl Solid {
     /// Of a body at points that obstacles and its handles move: what it does in equilibrium under prescribed displacements
     /// depends on Poisson's ratio alone.
     pub fn of_body(body: &Body) -> Self {
-        let none = [f64::INFINITY, f64::NEG_INFINITY];
-        let poisson = body.material.iter().map(|m| m.poisson);
-        let range = poisson.fold(none, |[low, high], nu| [low.min(nu), high.max(nu)]);
-        Solid { poisson: (range[0] <= range[1]).then_some(range), ..Solid::default() }
+        let poisson = body.material.iter().map(|m| [m.poisson; 2]);
+        let poisson = poisson.reduce(|[low, high], [nu, _]| [low.min(nu), high.max(nu)]);
+        Solid { poisson, ..Solid::default() }
     }
 
     /// Takes in what another trajectory has.
@@ -111,17 +110,11 @@ impl Solid {
             ("the material law", &self.laws, &case.laws),
             ("the time scheme of the displacement", &self.schemes, &case.schemes),
         ] {
-            let others: Vec<&str> = case
-                .iter()
-                .filter(|name| !trained.is_empty() && !trained.contains(name))
-                .map(String::as_str)
-                .collect();
+            let other = |name: &&String| !trained.is_empty() && !trained.contains(name);
+            let others: Vec<&str> = case.iter().filter(other).map(String::as_str).collect();
             if !others.is_empty() {
-                found.push(format!(
-                    "{what} is {}, and the model was trained on {}",
-                    others.join(", "),
-                    trained.join(", ")
-                ));
+                let (others, known) = (others.join(", "), trained.join(", "));
+                found.push(format!("{what} is {others}, and the model was trained on {known}"));
             }
         }
         found

@@ -2,6 +2,7 @@
 
 use crate::solid::{Solid, range};
 use m4gn_mesh::Mesh;
+use m4gn_mesh::vector::{norm, sub};
 use m4gn_parallel::Comm;
 use serde::{Deserialize, Serialize};
 
@@ -61,16 +62,14 @@ impl Extent {
 
 /// Mean distance of neighbouring cells, m; 0 where there are no neighbours. Collective.
 pub fn cell_size(mesh: &Mesh, comm: &Comm) -> f64 {
-    let length = |d: [f64; 3]| d.iter().map(|x| x * x).sum::<f64>().sqrt();
     let mut sums = [0.0, 0.0];
     for (&a, &b) in mesh.face_owner.iter().zip(&mesh.face_neighbour) {
-        let (a, b) = (mesh.cell_centres[a as usize], mesh.cell_centres[b as usize]);
-        sums[0] += length(std::array::from_fn(|i| b[i] - a[i]));
+        sums[0] += norm(sub(mesh.cell_centres[b as usize], mesh.cell_centres[a as usize]));
         sums[1] += 1.0;
     }
     // Seen from both sides
     for face in &mesh.coupled {
-        sums[0] += 0.5 * length(face.delta);
+        sums[0] += 0.5 * norm(face.delta);
         sums[1] += 0.5;
     }
     comm.sum_f64(&mut sums);

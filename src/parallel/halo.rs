@@ -2,7 +2,7 @@
 
 use super::{Comm, Element};
 use crate::ffi::mpi::{Peer, Requests};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse_any};
 use std::collections::HashMap;
 
 /// The exchange that fills ghost nodes: rows after the owned ones, ordered by (rank, global number).
@@ -57,15 +57,13 @@ impl Halo {
                 halo.peers.push(Peer { rank: rank as i32, send, receive });
             }
         }
-        let result = match missing {
-            Some((rank, global)) => Err(Error::Mesh(format!(
-                "rank {rank} has a coupled face to cell {global} of rank {}, which does not own that cell: check \
-                 coupled_rank and coupled_global",
-                comm.rank()
-            ))),
-            None => Ok(()),
-        };
-        comm.agree(result)?;
+        comm.agree(refuse_any(missing, Error::Mesh, |(rank, global)| {
+            let here = comm.rank();
+            format!(
+                "rank {rank} has a coupled face to cell {global} of rank {here}, which does not own that cell: check coupled_rank \
+                 and coupled_global"
+            )
+        }))?;
         Ok(halo)
     }
 

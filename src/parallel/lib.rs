@@ -311,15 +311,8 @@ impl Comm {
 }
 
 fn offsets(counts: &[i32]) -> Vec<i32> {
-    let mut sum = 0i32;
-    counts
-        .iter()
-        .map(|&c| {
-            let here = sum;
-            sum = sum.saturating_add(c);
-            here
-        })
-        .collect()
+    let before = |sum: &mut i32, &count: &i32| Some(std::mem::replace(sum, sum.saturating_add(count)));
+    counts.iter().scan(0, before).collect()
 }
 
 /// An input error unless these values, none below 0, are those of all other ranks. Collective.
