@@ -167,27 +167,11 @@ fn in_words(problem: &str) -> String {
 }
 
 fn suggestion(word: &str, names: &[&str]) -> String {
-    let nearest = names.iter().map(|name| (distance(word, name), name)).min();
+    let nearest = names.iter().map(|name| (strsim::levenshtein(word, name), name)).min();
     match nearest {
         Some((far, name)) if far <= SLIP && far < word.len() => format!("; is {name} meant?"),
         _ => String::new(),
     }
-}
-
-/// Letters that are to be changed, added or removed to make `b` of `a` (Levenshtein).
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut corner = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.iter().enumerate() {
-            let changed = corner + usize::from(x != *y);
-            corner = row[j + 1];
-            row[j + 1] = changed.min(corner + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
 }
 
 /// The entries of a JSON object; of anything else none.
