@@ -49,18 +49,11 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
         write(&config, &text.replace("micro_batch = 2", "micro_batch = 1"))?;
     }
     comm.barrier();
-    let request = |name: &str, steps: u64| Request {
-        data: data.clone(),
-        config: config.clone(),
-        out: folder.join(format!("{name}.safetensors")),
-        device: None,
-        from: None,
-        resume: false,
-        threads: Some(1),
-        steps: Some(steps),
-        seed: None,
-        json: None,
-        memory: None,
+    let request = |name: &str, steps: u64| sample::request_of(&folder, &config, name, steps);
+    // Bit for bit, as the first rank sees it.
+    let same = |a: &Request, b: &Request| -> Result<bool> {
+        let [a, b] = [Checkpoint::read(&a.checkpoint())?, Checkpoint::read(&b.checkpoint())?];
+        Ok((a.weights, a.first, a.second, a.average) == (b.weights, b.first, b.second, b.average))
     };
     let go = AtomicU8::new(0);
     let mut failures = Vec::new();
@@ -94,11 +87,8 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
     parts.resume = true;
     parts.steps = Some(12);
     train_native(&parts, &go, comm)?;
-    if comm.is_root() {
-        let (a, b) = (Checkpoint::read(&together.checkpoint())?, Checkpoint::read(&parts.checkpoint())?);
-        if (&a.weights, &a.first, &a.second, &a.average) != (&b.weights, &b.first, &b.second, &b.average) {
-            failures.push("resumed weights differ".into());
-        }
+    if comm.is_root() && !same(&together, &parts)? {
+        failures.push("resumed weights differ".into());
     }
 
     // With frames read from the files, on some ranks or on all: bit for bit as from memory.
@@ -106,13 +96,8 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
         let mut streamed = request(name, 12);
         streamed.memory = memory;
         train_native(&streamed, &go, comm)?;
-        if comm.is_root() {
-            let (a, b) =
-                (Checkpoint::read(&together.checkpoint())?, Checkpoint::read(&streamed.checkpoint())?);
-            if (&a.weights, &a.first, &a.second, &a.average) != (&b.weights, &b.first, &b.second, &b.average)
-            {
-                failures.push(format!("{name}: weights of frames that were read from files differ"));
-            }
+        if comm.is_root() && !same(&together, &streamed)? {
+            failures.push(format!("{name}: weights of frames that were read from files differ"));
         }
     }
     comm.barrier();

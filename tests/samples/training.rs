@@ -138,9 +138,14 @@ pub fn config(training: &str) -> String {
 pub fn request(folder: &Path, name: &str, training: &str, steps: u64) -> Request {
     let config = folder.join(format!("{name}.toml"));
     std::fs::write(&config, self::config(training)).unwrap();
+    Request { json: Some(folder.join(format!("{name}.json"))), ..request_of(folder, &config, name, steps) }
+}
+
+/// The same by a configuration that is there, without figures.
+pub fn request_of(folder: &Path, config: &Path, name: &str, steps: u64) -> Request {
     Request {
         data: folder.join("data"),
-        config,
+        config: config.into(),
         out: folder.join(format!("{name}.safetensors")),
         device: None,
         from: None,
@@ -148,7 +153,7 @@ pub fn request(folder: &Path, name: &str, training: &str, steps: u64) -> Request
         threads: Some(1),
         steps: Some(steps),
         seed: None,
-        json: Some(folder.join(format!("{name}.json"))),
+        json: None,
         memory: None,
     }
 }
