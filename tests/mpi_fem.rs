@@ -20,7 +20,6 @@ fn main() -> ExitCode {
         for body in bodies() {
             decompositions(&mut checks, &body);
         }
-        beam(&mut checks);
         errors_are_shared(&mut checks);
         Ok(checks.failures)
     })
@@ -150,42 +149,6 @@ fn compare(checks: &mut Checks, name: &str, mesh: &PointMesh, found: &SolidModes
             .flat_map(|(&g, u)| u.iter().zip(e[g as usize]).map(|(a, b)| (a - b).abs()))
             .fold(0.0, f64::max);
         checks.that(off < 1e-6, format!("{name}: mode {i} differs by {off:e}"));
-    }
-}
-
-/// 60 x 4 x 4 cells, clamped: Euler and Bernoulli's frequency 0.851 Hz.
-fn beam(checks: &mut Checks) {
-    let comm = checks.comm.clone();
-    let exact = 1.875_104_068_711_961f64.powi(2) / (2.0 * std::f64::consts::PI * 0.36)
-        * 0.06
-        * (1000f64 / 12.0).sqrt();
-    for (kind, poisson, bound) in [(Kind::Hexahedra, 0.3, 0.015), (Kind::WedgesAcross, 0.49, 0.03)] {
-        let mesh = sample::block(kind, [60, 4, 4], [0.6, 0.06, 0.06]);
-        let body = Body {
-            name: format!("beam of {kind:?}"),
-            materials: vec![Material { poisson, ..SOFT }; mesh.n_cells],
-            fixed: held(&mesh, 0.6, [false; 3]),
-            mesh,
-            options: first(2),
-        };
-        // Slices across the beam: its cells run along it.
-        let ranks: Vec<i32> = (0..body.mesh.n_cells)
-            .map(|c| {
-                let column = c * 960 / body.mesh.n_cells % 60;
-                (column * comm.size() as usize / 60) as i32
-            })
-            .collect();
-        let (mesh, materials, fixed) = part(&body, &ranks, comm.rank());
-        match modes(&mesh, &materials, &fixed, &body.options, &comm) {
-            Ok(found) => {
-                let ratio = found.frequencies()[0] / exact;
-                checks.that((ratio - 1.0).abs() < bound, format!("{}: {ratio}", body.name));
-                if comm.is_root() {
-                    println!("{} nu {poisson}: {:.12} Hz", body.name, found.frequencies()[0]);
-                }
-            }
-            Err(e) => checks.that(false, format!("{}: {e}", body.name)),
-        }
     }
 }
 
