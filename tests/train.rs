@@ -26,6 +26,13 @@ fn train(folder: &Path, name: &str, extra: &[&str]) -> Output {
         .unwrap()
 }
 
+/// What a training says that ends well.
+fn trained(folder: &Path, name: &str, extra: &[&str]) -> String {
+    let output = train(folder, name, extra);
+    assert!(output.status.success(), "{output:?}");
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
 /// What a command prints.
 fn m4gn(folder: &Path, arguments: &[&str]) -> String {
     let program = env!("CARGO_BIN_EXE_m4gn");
@@ -42,10 +49,8 @@ fn message(output: &Output) -> String {
 #[test]
 fn a_model_is_trained_carried_on_and_trained_further() {
     let folder = folder();
-    let first = train(folder.path(), "a.safetensors", &["--steps", "4"]);
-    assert!(first.status.success(), "{first:?}");
     // Three trajectories of 30 frames, 68 nodes and 3 components in 4 bytes.
-    let said = String::from_utf8_lossy(&first.stderr);
+    let said = trained(folder.path(), "a.safetensors", &["--steps", "4"]);
     assert!(said.contains("frames: 0.0734 MB in memory"), "{said}");
     // The same 50 recorded frames as in `m4gn validate`, with their time
     assert!(said.contains("(RMSE-50 over "), "{said}");
@@ -68,9 +73,9 @@ fn a_model_is_trained_carried_on_and_trained_further() {
         assert!(folder.path().join(file).is_file(), "{file}");
     }
     assert!(message(&train(folder.path(), "a.safetensors", &[])).contains("--resume"));
-    let further = train(folder.path(), "a.safetensors", &["--resume", "--steps", "6"]);
-    assert!(further.status.success(), "{further:?}");
-    assert!(String::from_utf8_lossy(&further.stderr).contains("resumed at step 4"));
+    assert!(
+        trained(folder.path(), "a.safetensors", &["--resume", "--steps", "6"]).contains("resumed at step 4")
+    );
     // A model that was removed is written again, with its weights, though there is nothing left to learn
     let model = folder.path().join("a.safetensors");
     let weights = || {
@@ -80,18 +85,14 @@ fn a_model_is_trained_carried_on_and_trained_further() {
     };
     let before = weights();
     std::fs::remove_file(&model).unwrap();
-    let again = train(folder.path(), "a.safetensors", &["--resume", "--steps", "6"]);
-    assert!(again.status.success(), "{again:?}");
+    trained(folder.path(), "a.safetensors", &["--resume", "--steps", "6"]);
     assert!(weights() == before);
     let options = ["--from", "a.safetensors", "--steps", "2"];
-    let tuned = train(folder.path(), "b.safetensors", &options);
-    assert!(tuned.status.success(), "{tuned:?}");
+    trained(folder.path(), "b.safetensors", &options);
     // No weight depends on the resolution: a model goes on with another one.
     let config = sample::config("").replacen("[model]", "[model]\n        resolution = 0.5", 1);
     std::fs::write(folder.path().join("config.toml"), config).unwrap();
-    let coarser = train(folder.path(), "c.safetensors", &options);
-    assert!(coarser.status.success(), "{coarser:?}");
-    let said = String::from_utf8_lossy(&coarser.stderr).into_owned();
+    let said = trained(folder.path(), "c.safetensors", &options);
     assert!(
         said.contains("resolution: off in the model to start from, 0.5 m in the configuration"),
         "{said}"
@@ -140,8 +141,7 @@ fn every_kind_learns_one_trajectory_by_heart() {
             .replace("[6, 2]", "[9999, 2]")
             .replace("normaliser_steps", "validation_interval = 1000\n        normaliser_steps");
         std::fs::write(folder.path().join("config.toml"), config).unwrap();
-        let trained = train(folder.path(), kind, &["--steps", "1000", "--threads", "1", "--json", "f.json"]);
-        assert!(trained.status.success(), "{trained:?}");
+        trained(folder.path(), kind, &["--steps", "1000", "--threads", "1", "--json", "f.json"]);
         let text = std::fs::read_to_string(folder.path().join("f.json")).unwrap();
         let figures: serde_json::Value = serde_json::from_str(&text).unwrap();
         let rmse = |who: &str| figures[who]["rmse_1"].as_f64().unwrap();
@@ -163,8 +163,7 @@ fn every_kind_is_trained_saved_and_validated() {
     ] {
         std::fs::write(folder.path().join("config.toml"), config_of(kind, depth)).unwrap();
         let name = format!("{kind}.safetensors");
-        let trained = train(folder.path(), &name, &["--steps", "12"]);
-        assert!(trained.status.success(), "{trained:?}");
+        trained(folder.path(), &name, &["--steps", "12"]);
         let said = m4gn(folder.path(), &["info", &name]);
         assert!(said.contains(&format!("network     {kind}: width 16, {layers}")), "{said}");
         assert_eq!(said.contains("macro       none"), !depth.is_empty(), "{said}");
@@ -178,8 +177,7 @@ fn every_kind_is_trained_saved_and_validated() {
 #[test]
 fn a_model_says_what_it_was_trained_on_and_an_older_one_can_be_told() {
     let folder = folder();
-    let trained = train(folder.path(), "a.safetensors", &["--steps", "4"]);
-    assert!(trained.status.success(), "{trained:?}");
+    trained(folder.path(), "a.safetensors", &["--steps", "4"]);
     let mut model = Model::read(folder.path().join("a.safetensors")).unwrap();
     let ranges = model.spec.trained_on.clone().unwrap();
     // Triangles in 6 x 4 rectangles of 0.25 x 0.25; speeds are 1 and the vortex's.
@@ -192,8 +190,7 @@ fn a_model_says_what_it_was_trained_on_and_an_older_one_can_be_told() {
 
     model.spec.trained_on = None;
     model.write(folder.path().join("old.safetensors")).unwrap();
-    let told = train(folder.path(), "new.safetensors", &["--from", "old.safetensors", "--steps", "0"]);
-    assert!(told.status.success(), "{told:?}");
+    trained(folder.path(), "new.safetensors", &["--from", "old.safetensors", "--steps", "0"]);
     let new = Model::read(folder.path().join("new.safetensors")).unwrap();
     assert_eq!(new.spec.trained_on, Some(ranges));
     assert_eq!((&new.tensors, &new.spec.training), (&model.tensors, &model.spec.training));
@@ -205,8 +202,7 @@ fn a_model_says_what_it_was_trained_on_and_an_older_one_can_be_told() {
 #[test]
 fn a_calibrated_model_says_how_its_errors_grow() {
     let folder = folder();
-    let trained = train(folder.path(), "a.safetensors", &["--steps", "4"]);
-    assert!(trained.status.success(), "{trained:?}");
+    trained(folder.path(), "a.safetensors", &["--steps", "4"]);
     let calibrate = |model: &str, extra: &[&str]| {
         Command::new(env!("CARGO_BIN_EXE_m4gn"))
             .current_dir(folder.path())
@@ -298,11 +294,9 @@ fn libtorch_ends_with_its_own_status() {
     library();
     let folder = folder();
     let options = ["--backend", "torch", "--steps", "4"];
-    let done = train(folder.path(), "a.safetensors", &options);
-    assert!(done.status.success(), "{done:?}");
+    trained(folder.path(), "a.safetensors", &options);
     // What one backend began the other carries on.
-    let further = train(folder.path(), "a.safetensors", &["--resume", "--steps", "6"]);
-    assert!(further.status.success(), "{further:?}");
+    trained(folder.path(), "a.safetensors", &["--resume", "--steps", "6"]);
     assert!(message(&train(folder.path(), "a.safetensors", &options)).contains("--resume"));
     let options = ["--backend", "torch", "--device", "gpu"];
     assert!(message(&train(folder.path(), "b.safetensors", &options)).contains("cuda:N"));
@@ -364,8 +358,7 @@ fn a_training_on_libtorch_that_diverges_keeps_what_was_good() {
     let config = folder.path().join("config.toml");
     let tame = std::fs::read_to_string(&config).unwrap();
     let options = |steps| ["--backend", "torch", "--steps", steps];
-    let first = train(folder.path(), "a.safetensors", &options("8"));
-    assert!(first.status.success(), "{first:?}");
+    trained(folder.path(), "a.safetensors", &options("8"));
     let files =
         || ["a.safetensors", "a.checkpoint"].map(|name| std::fs::read(folder.path().join(name)).unwrap());
     let good = files();
