@@ -1,6 +1,5 @@
 # shellcheck shell=bash
 # Rows of the README's table of results, by their own command on one draw. Sourced.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/../e2e/common.sh"
 
 # hybrid OPTIONS...: 'm4gn hybrid' of one draw, without cheaper plain solvers

@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # m4gn check: a case that fits, with and without a network; one that is refused, in the words of its run; cases without a mesh, decomposed, broken.
 # The case stays as it is.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 # check STATUS ARGUMENTS...: of the case here; log.run has what it says.
@@ -11,28 +10,26 @@ check() {
     m4gn check "$@" > ../log.check 2>&1 || status=$?
     [ $status -eq "$expected" ] || { cat ../log.check; fail "m4gn check $*: status $status, expected $expected"; }
 }
-# says TEXT: in one of its lines
-says() { grep -q -- "$1" ../log.check || { cat ../log.check; fail "it does not say: $1"; }; }
+# says TEXT...: each in one of its lines
+says() {
+    local text
+    for text in "$@"; do grep -q -- "$text" ../log.check || { cat ../log.check; fail "it does not say: $text"; }; done
+}
+# unfit TEXT [ARGUMENTS...]: the case does not fit, and why
+unfit() { check 1 . "${@:2}" && says "$1"; }
 # sums: of all that the case has
 sums() { find . -type f -exec md5sum {} + | sort; }
 
-make_case case
-sed -i 's/^endTime.*/endTime 0.6;/' system/controlDict
-drag forces > system/functions
-function_object m4gnSurrogate 'mode replace; surrogates (dmd);' && mv system/functions own
-drag forces | cat - own > system/functions && rm own
+make_case case endTime 0.6
+{ drag forces; surrogate 'mode replace; surrogates (dmd);'; cat system/functions; } > own && mv own system/functions
 # A file from beside the case
 cp constant/transportProperties ../shared
 { header transportProperties; echo '#include "../../shared"'; } > constant/transportProperties
 before=$(sums)
 check 0 . --model "$small_model" --seconds 30 --json ../check.json
 [ "$(sums)" = "$before" ] || fail "the case is not what it was"
-says "^dmd: fits"
-says "handed over *U, p, phi$"
-says "^network: fits"
-says "case's own test is left out"
-says "suggested *dmd { snapshotInterval"
-says "cylinder *obstacle (wall)\|cylinder *wall (wall)"
+says '^dmd: fits' 'handed over *U, p, phi$' '^network: fits' "case's own test is left out" 'suggested *dmd { snapshotInterval' \
+    'cylinder *obstacle (wall)\|cylinder *wall (wall)'
 python3 - <<'EOD'
 import json
 dmd, network = json.load(open("../check.json"))["findings"]
@@ -44,28 +41,20 @@ EOD
 echo "fits: $(grep suggested ../log.check)"
 
 # A network of a configuration, made from the case's own steps
-{ network 0.01 0 '{ name = "U", input = true, output = "delta" }' '{ name = "p", input = true, output = "value" }'; echo '[segments]
-method = "metis"
-count = 4
-[training]
-seed = 1
-batch_size = 2
-steps = 100'; } > ../network.toml
+network 0.01 0 'method = "metis"; count = 4' 'seed = 1; batch_size = 2; steps = 100' '{ name = "U", input = true, output = "delta" }' \
+    '{ name = "p", input = true, output = "value" }' > ../network.toml
 check 0 . --seconds 30 --config ../network.toml
 says "^network: fits"
 echo 'fields = 3' > ../wrong.toml
-check 1 . --config ../wrong.toml
-says "no network can be made of the configuration .*\[model\]"
+unfit "no network can be made of the configuration .*\[model\]" --config ../wrong.toml
 
 # What a run refuses is refused in its words
-sed -i 's/default *Euler/default steadyState/' system/fvSchemes
-check 1 .
+ddt_scheme steadyState
+unfit 'does not fit: The dmd surrogate does not handle the time scheme steadyState of ddtSchemes'
 why=$(sed -n 's/^dmd: does not fit: //p' ../log.check)
-function_object m4gnSurrogate 'mode replace; surrogates (dmd);'
-refused "${why%% of ddtSchemes*}" icoFoam
-says 'does not fit: The dmd surrogate does not handle the time scheme steadyState of ddtSchemes'
+expect_error "${why%% of ddtSchemes*}" 'mode replace; surrogates (dmd);'
 echo "refused: $why"
-sed -i 's/default steadyState/default Euler/' system/fvSchemes
+ddt_scheme Euler
 : > system/functions
 clean_case
 
@@ -76,38 +65,30 @@ check 0 . --seconds 120
 says "on 2 ranks"
 echo "decomposed: $(grep '^  run' ../log.check)"
 rm -r processor*
-check 1 .
-says 'it has no mesh, and no blockMeshDict'
+unfit 'it has no mesh, and no blockMeshDict'
 mv ../polyMesh constant
-check 1 .
-says 'icoFoam itself ended in an error, before any jump: .*cannot find file'
+unfit 'icoFoam itself ended in an error, before any jump: .*cannot find file'
 mv ../0 .
 
 # Solvers that are not there, that break down at once, that do not speak to function objects; what is no case
 cp system/controlDict ../controlDict
-solver() { sed "s/^application.*/application $1;/" ../controlDict > system/controlDict; }
-solver noSuchFoam
-check 1 .
-says 'noSuchFoam not found in PATH'
+control application noSuchFoam
+unfit 'noSuchFoam not found in PATH'
 mkdir ../bin
 printf '#!/bin/sh\nkill -11 $$\n' > ../bin/crashFoam
 printf '#!/bin/sh\nexit 0\n' > ../bin/idleFoam
 chmod +x ../bin/*
 PATH=$work/bin:$PATH
-solver crashFoam
-check 1 .
-says 'crashFoam itself ended in an error, before any jump: .*signal: 11'
-solver idleFoam
-check 1 .
-says 'idleFoam ended without function objects'
-solver blockMesh
+control application crashFoam
+unfit 'crashFoam itself ended in an error, before any jump: .*signal: 11'
+control application idleFoam
+unfit 'idleFoam ended without function objects'
+control application blockMesh
 check 1 .
 sed '/^application/d' ../controlDict > system/controlDict
-check 1 .
-says 'has no entry application'
+unfit 'has no entry application'
 echo 'application { deltaT "' > system/controlDict
-check 1 .
-says 'system/controlDict: '
+unfit 'system/controlDict: '
 cp ../controlDict system
 check 2 ../nowhere
 says 'does not exist: expected the folder of an OpenFOAM case, or a family'
@@ -122,10 +103,8 @@ chmod -R a-w . && check 0 . && chmod -R u+w .
 # A mesh that blockMesh makes, of the first fields that a tutorial has
 cd "$work"
 make_beam beam
-sed -i 's/compactNormalStress.*;/compactNormalStress yes; D 1e-6;/' system/fvSolution
+stress yes 1 1e-6
 rm -rf constant/polyMesh && mv 0 0.orig
 check 0 .
-says "the mesh is blockMesh's"
-says 'handed over *D'
+says "the mesh is blockMesh's" 'handed over *D'
 [ ! -e constant/polyMesh ] && [ ! -e 0 ] || fail "the case is not what it was"
-echo 'all is told'

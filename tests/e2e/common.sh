@@ -1,20 +1,20 @@
 # shellcheck shell=bash
 # Small cases of the cylinder for the end-to-end tests. Sourced; leaves the test in a temporary folder of its own.
 set -euo pipefail
-# shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/../../setup/common.sh"
-# shellcheck source=env.sh
 . "$M4GN_HOME/env.sh"
 mpi_environment
 export LC_ALL=C
 
-# Random weights, stride 0.01 s: enough for the machinery, and nothing has to be trained first
-# shellcheck disable=SC2034  # used by the tests
-small_model=$M4GN_HOME/tests/cabi/small.safetensors
-
 work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
+trap 'status=$?; rm -rf "$work"; [ $status -ne 0 ] || echo "$(basename "$0" .sh): passed"' EXIT
 cd "$work"
+
+# Random weights, stride 0.01 s: enough for the machinery, and nothing has to be trained first
+small_model=$M4GN_HOME/tests/cabi/small.safetensors
+# Entries of m4gnSurrogate with it, and for one jump from 0.02 to 0.04
+# shellcheck disable=SC2034  # used by the tests
+small="model \"$small_model\";" jump="mode replace; model \"$small_model\"; timeStart 0.02; solverSteps 5; surrogateSteps 2;"
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
@@ -30,7 +30,28 @@ needs_solids4foam() {
 # header NAME [CLASS]: what an OpenFOAM file of this name begins with; a dictionary if nothing is said.
 header() { echo "FoamFile { version 2.0; format ascii; class ${2:-dictionary}; object $1; }"; }
 
-# control_dict APPLICATION END DELTA_T WRITE_CONTROL WRITE_INTERVAL PRECISION: system/controlDict of a run from time 0.
+# set_entries FILE NAME VALUE...: other values for entries of a dictionary, wherever in it they are.
+set_entries() {
+    local file=$1 separator=$'\x01'
+    shift
+    while [ $# -gt 0 ]; do
+        grep -qE "(^|[ {;])$1 +[^;{}]*;" "$file" || fail "$file has no entry $1"
+        sed -i -E "s$separator(^|[ {;])$1 +[^;{}]*;$separator\\1$1 $2;$separator" "$file"
+        shift 2
+    done
+}
+
+# control NAME VALUE...: of system/controlDict
+control() { set_entries system/controlDict "$@"; }
+
+# ddt_scheme SCHEME: the default of the case
+ddt_scheme() { sed -i "/ddtSchemes/,/}/s/default [^;]*;/default $1;/" system/fvSchemes; }
+
+# decomposition RANKS METHOD [ENTRIES]: system/decomposeParDict
+decomposition() { echo "$(header decomposeParDict) numberOfSubdomains $1; method $2; ${3:-}" > system/decomposeParDict; }
+
+# control_dict APPLICATION END DELTA_T WRITE_CONTROL WRITE_INTERVAL PRECISION: system/controlDict of a run from time 0, without function
+# objects, on two ranks where it is decomposed.
 control_dict() {
     { header controlDict; cat <<EOD; } > system/controlDict
 application     $1;
@@ -47,6 +68,8 @@ timePrecision   8;
 runTimeModifiable no;
 functions       { #include "functions" }
 EOD
+    : > system/functions
+    decomposition 2 simple 'coeffs { n (2 1 1); }'
 }
 
 # block 'X Y Z' 'NX NY NZ' PATCHES: a mesh of one block from the origin, of these lengths and cells; faces of its patches are LEFT and RIGHT (along
@@ -64,7 +87,15 @@ EOD
     runs blockMesh
 }
 
-# make_case FOLDER: about 900 triangles, icoFoam, 0.002 s a step, ASCII fields every 0.01 s to 0.06 s.
+# What gmsh makes of mesh.geo
+mesh_of_the_cylinder() {
+    runs gmsh -nt 1 -3 -format msh2 -o mesh.msh mesh.geo
+    runs gmshToFoam mesh.msh
+    runs changeDictionary -constant
+}
+
+# make_case FOLDER [NAME VALUE...]: about 900 triangles, icoFoam, 0.002 s a step, ASCII fields every 0.01 s to 0.06 s, or as these entries of
+# controlDict have it.
 make_case() {
     cp -r "$M4GN_HOME/openfoam/templates/cylinder-flow" "$1"
     cd "$1"
@@ -72,17 +103,17 @@ make_case() {
         -e 's/@linear@/15.121951/; s/@quadratic@/-36.882808/' mesh.geo 0/U constant/transportProperties
     sed -i 's/@tolerance@/1e-6/; s/@correctors@/1/; s/@convection@/1/' system/fv{Solution,Schemes}
     control_dict icoFoam 0.06 0.002 adjustableRunTime 0.01 12
-    cp "$M4GN_HOME/openfoam/tutorials/cylinder/system/decomposeParDict" system
     # Ranks differ in where their linear solvers stop; that is not what is tested
-    sed -i 's/tolerance  *1e-6/tolerance 1e-10/; s/relTol  *0.05/relTol 0/' system/fvSolution
-    : > system/functions
-    { gmsh -nt 1 -3 -format msh2 -o mesh.msh mesh.geo && gmshToFoam mesh.msh && changeDictionary -constant; } \
-        > log.mesh 2>&1 || { tail -n 20 log.mesh; fail "the mesh of the test case"; }
+    set_entries system/fvSolution tolerance 1e-10 relTol 0
+    mesh_of_the_cylinder
     cp -r "$M4GN_HOME/openfoam/templates/cylinder-flow/0/." 0
     sed -i 's/@linear@/15.121951/; s/@quadratic@/-36.882808/' 0/U
+    # Behind the mesh, which is written as text
+    control "${@:2}"
 }
 
-# network STRIDE RWSE_STEPS FIELDS...: [model] and [macro] of a small network of these fields, a line each.
+# network STRIDE RWSE_STEPS SEGMENTS TRAINING FIELDS...: the configuration of a small network of these fields, a line each, and of its training;
+# entries of [segments] and [training] stand between semicolons.
 network() {
     cat <<EOD
 [model]
@@ -93,7 +124,7 @@ activation = "silu"
 layers_before = 2
 layers_after = 1
 fields = [
-$(printf '    %s,\n' "${@:3}")
+$(printf '    %s,\n' "${@:5}")
 ]
 [macro]
 layers = 1
@@ -102,29 +133,28 @@ ffn_width = 16
 rwse_steps = $2
 centroids = true
 offsets = true
+[segments]
+${3//; /$'\n'}
+[training]
+${4//; /$'\n'}
 EOD
 }
 
 # with_input FIELD: a configuration that trains the small model with a field more that it reads and does not predict.
 with_input() {
-    network 0.01 4 '{ name = "U", input = true, output = "delta" }' '{ name = "p", input = true, output = "value" }' \
-        "{ name = \"$1\", input = true, output = \"none\" }"
-    cat <<EOD
-[segments]
-count = 4
-modes = 3
-[training]
-batch_size = 1
-learning_rate = 1e-3
-decay_steps = 1
-EOD
+    network 0.01 4 'count = 4; modes = 3' 'batch_size = 1; learning_rate = 1e-3; decay_steps = 1' '{ name = "U", input = true, output = "delta" }' \
+        '{ name = "p", input = true, output = "value" }' "{ name = \"$1\", input = true, output = \"none\" }"
 }
 
-# make_beam FOLDER: a beam of 0.4 x 0.05 m, clamped at its left, loaded at its tip at time 0; solidDisplacementFoam. One
-# period is some 0.5 s.
+# stress COMPACT CORRECTORS TOLERANCE: the form of the normal stress, and where a step of solidDisplacementFoam stops
+stress() { sed -i "s/^stressAnalysis.*/stressAnalysis { compactNormalStress $1; nCorrectors $2; D $3; }/" system/fvSolution; }
+
+# make_beam FOLDER [NAME VALUE...]: a beam of 0.4 x 0.05 m, clamped at its left, loaded at its tip at time 0; solidDisplacementFoam, with these
+# entries of controlDict. One period is some 0.5 s.
 make_beam() {
-    mkdir -p "$1/0" "$1/constant" "$1/system" && cd "$1"
+    mkdir -p "$1"/{0,constant,system} && cd "$1"
     control_dict solidDisplacementFoam 0.255 0.005 timeStep 1 14
+    control "${@:2}"
     { header fvSchemes; cat <<'EOD'; } > system/fvSchemes
 d2dt2Schemes { default Euler; }
 ddtSchemes { default Euler; }
@@ -144,18 +174,12 @@ EOD
     { header thermalProperties
       echo 'C { type uniform; value 434; } k { type uniform; value 60.5; } alpha { type uniform; value 1.1e-05; } thermalStress no;'
     } > constant/thermalProperties
-    { header D volVectorField; cat <<'EOD'; } > 0/D
-dimensions [0 1 0 0 0 0 0];
-internalField uniform (0 0 0);
-boundaryField
-{
+    field D volVectorField '0 1 0 0 0 0 0' '(0 0 0)' '
     clamp { type fixedValue; value uniform (0 0 0); }
     tip { type tractionDisplacement; traction uniform (0 50 0); pressure uniform 0; value uniform (0 0 0); }
     sides { type tractionDisplacement; traction uniform (0 0 0); pressure uniform 0; value uniform (0 0 0); }
     frontAndBack { type empty; }
-}
-EOD
-    : > system/functions
+    '
     block '0.4 0.05 0.01' '24 4 1' 'clamp { type patch; faces (LEFT); } tip { type patch; faces (RIGHT); }
         sides { type wall; faces (BOTTOM TOP); } frontAndBack { type empty; faces (BACK FRONT); }'
 }
@@ -183,11 +207,13 @@ square_mesh() {
         defaultPatch { name frontAndBack; type empty; }"
 }
 
+# field NAME CLASS DIMENSIONS VALUE PATCHES: 0/NAME
+field() { echo "$(header "$1" "$2") dimensions [$3]; internalField uniform $4; boundaryField { $5 }" > "0/$1"; }
+
 # square_field NAME DIMENSIONS VALUE WALL [CLASS]
 square_field() {
-    header "$1" "${5:-volScalarField}"
-    echo "dimensions [$2]; internalField uniform $3; boundaryField { inlet { type fixedValue; value uniform $3; }
-        outlet { type inletOutlet; inletValue uniform $3; value uniform $3; } sides { type symmetry; } square { $4 } frontAndBack { type empty; } }"
+    field "$1" "${5:-volScalarField}" "$2" "$3" "inlet { type fixedValue; value uniform $3; }
+        outlet { type inletOutlet; inletValue uniform $3; value uniform $3; } sides { type symmetry; } square { $4 } frontAndBack { type empty; }"
 }
 
 # make_square FOLDER: a square of 0.02 m in a wind, some 1,000 cells, pimpleFoam; turbulence says with which model.
@@ -213,14 +239,13 @@ solvers
 PIMPLE { nOuterCorrectors 1; nCorrectors 2; nNonOrthogonalCorrectors 0; }
 EOD
     { header transportProperties; echo 'transportModel Newtonian; nu 1.5e-5;'; } > constant/transportProperties
-    square_field U '0 1 -1 0 0 0 0' '(2 0.02 0)' 'type noSlip;' volVectorField > 0/U
-    square_field k '0 2 -2 0 0 0 0' 0.0024 'type kqRWallFunction; value uniform 0.0024;' > 0/k
-    square_field omega '0 0 -1 0 0 0 0' 25 'type omegaWallFunction; value uniform 25;' > 0/omega
-    square_field epsilon '0 2 -3 0 0 0 0' 0.0054 'type epsilonWallFunction; value uniform 0.0054;' > 0/epsilon
-    square_field nuTilda '0 2 -1 0 0 0 0' 6e-5 'type fixedValue; value uniform 0;' > 0/nuTilda
-    { header p volScalarField; echo 'dimensions [0 2 -2 0 0 0 0]; internalField uniform 0; boundaryField { outlet { type fixedValue; value uniform 0; }
-        "(inlet|square)" { type zeroGradient; } sides { type symmetry; } frontAndBack { type empty; } }'; } > 0/p
-    : > system/functions
+    square_field U '0 1 -1 0 0 0 0' '(2 0.02 0)' 'type noSlip;' volVectorField
+    square_field k '0 2 -2 0 0 0 0' 0.0024 'type kqRWallFunction; value uniform 0.0024;'
+    square_field omega '0 0 -1 0 0 0 0' 25 'type omegaWallFunction; value uniform 25;'
+    square_field epsilon '0 2 -3 0 0 0 0' 0.0054 'type epsilonWallFunction; value uniform 0.0054;'
+    square_field nuTilda '0 2 -1 0 0 0 0' 6e-5 'type fixedValue; value uniform 0;'
+    field p volScalarField '0 2 -2 0 0 0 0' 0 'outlet { type fixedValue; value uniform 0; } "(inlet|square)" { type zeroGradient; }
+        sides { type symmetry; } frontAndBack { type empty; }'
     runs blockMesh
 }
 
@@ -228,8 +253,8 @@ EOD
 turbulence() {
     { header turbulenceProperties; echo "simulationType RAS; RAS { RASModel $1; turbulence on; printCoeffs off; }"; } \
         > constant/turbulenceProperties
-    { header nut volScalarField; echo "dimensions [0 2 -1 0 0 0 0]; internalField uniform 9e-5; boundaryField { square { type $2; value uniform 0; }
-        \"(inlet|outlet)\" { type calculated; value uniform 9e-5; } sides { type symmetry; } frontAndBack { type empty; } }"; } > 0/nut
+    field nut volScalarField '0 2 -1 0 0 0 0' 9e-5 "square { type $2; value uniform 0; }
+        \"(inlet|outlet)\" { type calculated; value uniform 9e-5; } sides { type symmetry; } frontAndBack { type empty; }"
 }
 
 # schemes [DIV]: Euler and linear, with these entries of divSchemes beside the default.
@@ -241,6 +266,19 @@ divSchemes { default Gauss linear; ${1:-} }
 laplacianSchemes { default Gauss linear corrected; }
 interpolationSchemes { default linear; }
 snGradSchemes { default corrected; }
+EOD
+}
+
+# solvers TOLERANCE P_REL_TOL: of flows and heat with one outer corrector
+solvers() {
+    { header fvSolution; cat <<EOD; } > system/fvSolution
+solvers
+{
+    "rho.*" { solver diagonal; }
+    "p.*" { solver PCG; preconditioner DIC; tolerance $1; relTol $2; }
+    "(U|h|T|DT).*" { solver smoothSolver; smoother symGaussSeidel; tolerance $1; relTol 0; }
+}
+"(PIMPLE|PISO|SIMPLE)" { momentumPredictor yes; nOuterCorrectors 1; nCorrectors 2; nNonOrthogonalCorrectors 0; pRefCell 0; pRefValue 0; }
 EOD
 }
 
@@ -262,17 +300,81 @@ EOD
     runs blockMesh
 }
 
+# laminar [NU]: what pimpleFoam and pisoFoam need beside what icoFoam has
+laminar() {
+    echo "$(header x) simulationType laminar; transportModel Newtonian; nu ${1:-1e-3};" | tee constant/turbulenceProperties > constant/transportProperties
+    sed -i 's/div(phi,U) .*/div(phi,U) Gauss linear; div((nuEff*dev2(T(grad(U))))) Gauss linear;/' system/fvSchemes
+}
+
 # Removes what a run left.
 clean_case() {
     find . -maxdepth 1 \( -name '[0-9]*' ! -name 0 -o -name 'processor[0-9]*' \) -exec rm -rf {} +
     rm -rf postProcessing 0/m4gnSegment 0/m4gnSegmentDict 0/m4gnGroup
 }
 
-# function_object TYPE ENTRIES...: the only function object of the case, called test.
+# function_object TYPE ENTRIES...: of the case, called test, beside those in $beside.
 function_object() {
     local type=$1
     shift
-    echo "test { type $type; libs (m4gnFoam); $* }" > system/functions
+    echo "test { type $type; libs (m4gnFoam); $* } ${beside:-}" > system/functions
+}
+surrogate() { function_object m4gnSurrogate "$@"; }
+recorder() { function_object m4gnRecorder "$@"; }
+
+application() { sed -n 's/^application  *\(.*\);/\1/p' system/controlDict; }
+
+# solve [RANKS]: the application of the case, on one rank or on more ($ranks), for which it is decomposed
+solve() {
+    local n=${1:-${ranks:-1}}
+    if [ "$n" -eq 1 ]; then
+        runs "$(application)"
+    else
+        runs decomposePar -force
+        runs mpirun -np "$n" "$(application)" -parallel
+    fi
+}
+
+on_two_ranks() { runs decomposePar -force; runs mpirun -np 2 "$1" -parallel; }
+
+# ride ENTRIES...: the case anew with m4gnSurrogate of these entries; record ENTRIES...: with m4gnRecorder.
+ride() { clean_case && surrogate "$@" && solve; }
+record() { clean_case && recorder "$@" && solve; }
+
+# expect_error TEXT ENTRIES...: m4gnSurrogate of these entries ends the run, which says TEXT.
+expect_error() { surrogate "${@:2}" && refused "$1" "$(application)"; }
+
+# expect_errors [TYPE]: the same of each line 'ENTRIES => TEXT', of this type of function object
+expect_errors() {
+    local line
+    while read -r line; do
+        function_object "${1:-m4gnSurrogate}" "${line% => *}"
+        refused "${line#* => }" "$(application)"
+    done
+}
+
+# expect_log TEXT...: the log has each of these; expect_silence TEXT...: none of them.
+expect_log() {
+    local text
+    for text in "$@"; do grep -q -- "$text" log.run || { tail -n 60 log.run; fail "the log does not say: $text"; }; done
+}
+expect_silence() {
+    local text
+    for text in "$@"; do ! grep -- "$text" log.run || fail "the log says: $text"; done
+}
+
+# keep NAME FILES...: a copy of them in ../NAME
+keep() { rm -rf "../$1" && mkdir "../$1" && cp -r "${@:2}" "../$1"; }
+
+# same_bytes FOLDER FILES...: the files are those of the same names there.
+same_bytes() {
+    local file
+    for file in "${@:2}"; do cmp "$file" "$1/$file" || { grep m4gn log.run || true; fail "$file is not that of $1"; }; done
+}
+
+# close_to FOLDER LIMIT FILES...: the fields differ from those there by at most this, over the largest value.
+close_to() {
+    local file
+    for file in "${@:3}"; do below "$(difference "$1/$file" "$file")" "$2" "$file against $1"; done
 }
 
 # drag NAME [ENTRIES]: a function object for forces on the cylinder.
@@ -284,12 +386,12 @@ drag() {
 # entry NAME [START]: of the summary of a run from this time, else of any.
 entry() { sed -n "s/^ *\"$1\": \([^,]*\).*/\1/p" postProcessing/test/${2:-*}/summary.json; }
 
-# plain SOLVER TIMES...: the run without function objects, whose times are then in ../plain.
+# plain [TIMES...]: the run without function objects but $beside, of which these are kept in ../plain.
 plain() {
-    : > system/functions
+    echo "${beside:-}" > system/functions
     clean_case
-    runs "$1"
-    rm -rf ../plain && mkdir ../plain && mv "${@:2}" ../plain
+    solve
+    [ $# -eq 0 ] || keep plain "$@"
 }
 
 # replaces LEAST WHAT: at least this share of the run's time was replaced.
@@ -308,13 +410,13 @@ shipped_model_is_near() {
         --out hybrid --json hybrid.json
     figure() { sed -n "/\"runs\"/,\$s/^ *\"$1\": *\([^,]*\),*\$/\1/p" hybrid.json | head -n 1; }
     below "$(figure displacement)" "$2" "error of D with the shipped model, over its root mean square"
-    awk "BEGIN { exit !($(figure replaced) > 0.75) }" || fail "replaced: $(figure replaced)"
+    holds "$(figure replaced) > 0.75"
 }
 
 # runs COMMAND...: must end with status 0. The log is log.run.
 runs() {
     local status=0
-    "$@" > log.run 2>&1 || status=$?
+    "$@" > log.run 2>&1 < /dev/null || status=$?
     [ $status -eq 0 ] || { tail -n 40 log.run; fail "'$*' ended with status $status"; }
 }
 
@@ -322,12 +424,10 @@ runs() {
 refused() {
     local text=$1 status=0
     shift
-    "$@" > log.run 2>&1 || status=$?
+    "$@" > log.run 2>&1 < /dev/null || status=$?
     [ "$status" -ne 0 ] || { tail -n 40 log.run; fail "'$*' ended with status 0, expected: $text"; }
-    grep -q -- "$text" log.run || { tail -n 30 log.run; fail "'$*' does not say: $text"; }
+    expect_log "$text"
 }
-
-on_two_ranks() { runs decomposePar -force; runs mpirun -np 2 "$1" -parallel; }
 
 # difference FILE FILE: largest difference of the internal fields, relative to the largest value of the first.
 difference() {
@@ -346,6 +446,54 @@ labels() {
     else
         values "$1" | sort -u
     fi
+}
+
+# calc EXPRESSION: of awk; holds EXPRESSION [WHAT]: it is true; off A B: by how much A differs from B, over B
+calc() { awk "BEGIN { print $1 }"; }
+holds() { awk "BEGIN { exit !($1) }" || fail "${2:-expected} $1"; }
+off() { calc "sqrt((($1)/($2) - 1)^2)"; }
+
+# rows FILE: of a table; same_rows ROWS ROWS: to seven digits, whatever the number of ranks
+rows() { awk '!/^#/' "$1"; }
+same_rows() {
+    paste <(echo "$1") <(echo "$2") | awk '
+        NF < 4 || NF % 2 { exit 1 }
+        { for (i = 1; i <= NF/2; ++i) { d = ($i - $(i + NF/2))/($i + 1e-12); if (d*d > 1e-8) exit 1 } }' ||
+        { echo "$1"; echo "$2"; fail "the tables differ"; }
+}
+
+# same_on_two_ranks LIMIT FILES...: the same run on two ranks has fields as close as this.
+same_on_two_ranks() {
+    keep serial 0.*
+    clean_case
+    solve 2
+    runs reconstructPar
+    close_to ../serial "$@"
+}
+
+# carry_on TIME: the run goes on from what ../whole has of this time, and from its state.
+carry_on() {
+    clean_case
+    cp -r "../whole/$1" ../whole/postProcessing .
+    control startTime "$1"
+    solve
+    expect_log "m4gn: test goes on from its state at time $1"
+}
+
+# edit_model FILE PYTHON [ARGUMENTS...]: the small model with a description that this code has changed
+edit_model() {
+    python3 - "$small_model" "$@" <<'PYTHON'
+import json, struct, sys
+data = open(sys.argv[1], "rb").read()
+n = struct.unpack("<Q", data[:8])[0]
+header = json.loads(data[8:8 + n])
+model = json.loads(header["__metadata__"]["m4gn"])
+exec(sys.argv[3], {"model": model, "arguments": sys.argv[4:], "json": json})
+header["__metadata__"]["m4gn"] = json.dumps(model)
+text = json.dumps(header).encode()
+text += b" " * (-len(text) % 8)
+open(sys.argv[2], "wb").write(struct.pack("<Q", len(text)) + text + data[8 + n:])
+PYTHON
 }
 
 # below VALUE LIMIT WHAT

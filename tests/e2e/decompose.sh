@@ -1,23 +1,16 @@
 #!/usr/bin/env bash
 # Segments, modes and ranks: the same segments and eigenvalues for any decomposition, every segment on one rank with
 # method m4gn, and constraints that hold.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
-# decompose_by NP METHOD ENTRIES...: processor folders of the case. The log is log.run.
-decompose_by() {
-    local np=$1 method=$2
-    shift 2
-    echo "FoamFile { version 2.0; format ascii; class dictionary; object decomposeParDict; }
-        numberOfSubdomains $np; method $method; $*" > system/decomposeParDict
-    runs decomposePar -force -cellDist
-}
+# decompose_by RANKS METHOD ENTRIES: processor folders of the case. The log is log.run.
+decompose_by() { decomposition "$@" && runs decomposePar -force -cellDist; }
 
 # Every cell somewhere else than its neighbours
 scatter() {
     local cells=$1 np=$2
     {
-        echo 'FoamFile { version 2.0; format ascii; class labelList; object scattered; }'
+        header scattered labelList
         seq 0 $((cells - 1)) | awk -v np="$np" -v n="$cells" 'BEGIN { print n "\n(" } { print ($1*7919)%np } END { print ")" }'
     } > constant/scattered
 }
@@ -33,8 +26,7 @@ reference() {
     runs postProcess -func m4gnSegments -time 0
     eigenvalues > ../eigenvalues
     [ "$(wc -l < ../eigenvalues)" -ge 6 ] || { cat log.run; fail "expected six eigenvalues"; }
-    mkdir -p ../serial
-    cp 0/m4gn* ../serial
+    keep serial 0/m4gn*
 }
 
 # same_answer NP WHAT: computes on the processor folders, and compares
@@ -42,7 +34,7 @@ same_answer() {
     local np=$1 what=$2
     rm -f 0/m4gn* processor*/0/m4gn*
     runs mpirun -np "$np" postProcess -parallel -func m4gnSegments -time 0
-    grep -q 'segments computed' log.run || fail "$what: the segments were not computed"
+    expect_log 'segments computed'
     paste ../eigenvalues <(eigenvalues) | awk '
         NF != 2 { exit 1 } { d = $2/$1 - 1; if (d*d > m) m = d*d } END { printf "%.1e", sqrt(m); exit !(m <= 1e-16) }' \
         > ../worst || { paste ../eigenvalues <(eigenvalues); fail "$what: other eigenvalues than in serial"; }
@@ -78,7 +70,7 @@ all_decompositions() {
             cp ../serial/m4gnSegment 0
             if [ $np -eq 4 ]; then n='(2 2 1)'; else n="($np 1 1)"; fi
             decompose_by $np $method "hierarchicalCoeffs { n $n; order xyz; } m4gnCoeffs { count $2; }"
-            [ $method = hierarchical ] || grep -q 'segments read from 0/m4gnSegment' log.run || { tail -n 30 log.run; fail "stored segments were not taken"; }
+            [ $method = hierarchical ] || expect_log 'segments read from 0/m4gnSegment'
             table+=("$(printf '%-9s %2d  %-12s  %4d of %d  %6d  %8s %%' "$1" $np $method "$(straddling)" "$2" \
                 "$(sed -n 's/^Number of processor faces = //p' log.run)" \
                 "$(sed -n 's/^Max number of cells = .*(\(.*\)% above.*/\1/p' log.run | cut -c1-5)")")
@@ -107,4 +99,3 @@ runs snappyHexMesh -overwrite
 runs checkMesh
 [ "$(sed -n 's/^ *polyhedra: *//p' log.run)" -gt 300 ] || fail "the igloo has no polyhedra"
 all_decompositions igloo 24
-echo "decompose: passed"

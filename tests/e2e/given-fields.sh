@@ -1,54 +1,58 @@
 #!/usr/bin/env bash
-# Fields that m4gn makes, as inputs of a model: the size of the cells, of a recording's mesh or of the solver's, and the viscosity, of a
-# recording's provenance or of the solver's transportProperties; the same serially and on two ranks.
-# shellcheck source=tests/e2e/common.sh
+# Fields that m4gn makes, as inputs of a model: the size of the cells, of a recording's mesh or of the solver's; the viscosity, of a
+# recording's provenance or of the solver's transportProperties; deltaT, in jumps that of the solver. The same serially and on two ranks.
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
-
 data=$work/case/postProcessing/test/0/trajectory.h5
-record() { function_object m4gnRecorder "writeControl timeStep; writeInterval 5; provenance { nu 1e-3; } fields ($1);"; }
-surrogate() { function_object m4gnSurrogate "mode replace; timeStart 0.02; solverSteps 5; surrogateSteps 2; outOfRange ignore; $1"; }
+recorded() { record "writeControl timeStep; writeInterval 5; provenance { nu 1e-3; } fields ($1);"; }
+jumps() { ride "mode replace; timeStart 0.02; solverSteps 5; surrogateSteps 2; outOfRange $1; model \"$2\";"; }
+# train FROM STEPS DATA OUT: with ../given.toml
+train() { runs m4gn train --from "$1" --steps "$2" --data "$3" --config ../given.toml --out "$4"; }
 
-record 'U p'
-runs icoFoam
+recorded 'U p'
 cp "$data" ../without.h5
 
 # check FIELD DIMENSIONS: recorded, its range is that of a model which learned from a recording without it
 check() {
-    local name file
-    clean_case
-    record "U p $1"
-    runs icoFoam
+    recorded "U p $1"
     m4gn info "$data" | grep "^field *$1 " | grep -qF "scalar [$2]" || { m4gn info "$data"; fail "$1 is not recorded"; }
     with_input "$1" > ../given.toml
-    for name in recorded without; do
-        file=$data
-        [ $name = recorded ] || file=$work/without.h5
-        runs m4gn train --from "$small_model" --steps 0 --data "$file" --config ../given.toml --out "$work/$name.safetensors"
-    done
+    train "$small_model" 0 "$data" "$work/recorded.safetensors"
+    train "$small_model" 0 "$work/without.h5" "$work/without.safetensors"
     cmp "$work/recorded.safetensors" "$work/without.safetensors" || fail "the solver's $1 and the recording's differ"
 
     # Weights that are not zero, so that a wrong value is seen
-    runs m4gn train --from "$work/without.safetensors" --steps 20 --data "$work/without.h5" --config ../given.toml \
-        --out "$work/given-$1.safetensors"
-    clean_case
-    surrogate "model \"$work/given-$1.safetensors\";"
-    runs icoFoam
-    grep -q '^m4gn: jumped 2 steps' log.run || { cat log.run; fail "no jump"; }
-    rm -rf ../serial
-    cp -r 0.04 ../serial
-    clean_case
-    on_two_ranks icoFoam
-    runs reconstructPar -time 0.04
-    below "$(difference ../serial/U 0.04/U)" 1e-4 "U on two ranks, with $1"
+    train "$work/without.safetensors" 20 "$work/without.h5" "$work/given-$1.safetensors"
+    jumps ignore "$work/given-$1.safetensors"
+    expect_log '^m4gn: jumped 2 steps'
+    same_on_two_ranks 1e-4 0.04/U
 }
 check cellSize '0 1 0 0 0 0 0'
 check nu '0 2 -1 0 0 0 0'
 
 # Another viscosity than the model has seen is said
-clean_case
-sed -i 's/1e-3/2e-3/' constant/transportProperties
-function_object m4gnSurrogate "mode replace; timeStart 0.02; solverSteps 5; surrogateSteps 2; model \"$work/given-nu.safetensors\";"
-runs icoFoam
-grep -q 'nu is 2.000e-3' log.run || { cat log.run; fail "another viscosity is not said"; }
-echo "given-fields: passed"
+set_entries constant/transportProperties nu 2e-3
+jumps warn "$work/given-nu.safetensors"
+expect_log 'nu is 2.000e-3'
+
+# The solver's step: recorded, and with weights of zero as without it; the field holds it in the jump from 0.02 to 0.04, whose steps are the
+# surrogate's
+set_entries constant/transportProperties nu 1e-3
+recorded 'U p deltaT'
+m4gn info "$data" | grep -q 'deltaT  *scalar \[0 0 1 0 0 0 0\], last frame 0.002000 to 0.002000' || { m4gn info "$data"; fail "deltaT is not recorded"; }
+with_input deltaT > ../given.toml
+train "$small_model" 0 "$data" "$work/deltaT.safetensors"
+jumps ignore "$small_model"
+keep before 0.04
+beside='seen { type writeObjects; libs (utilityFunctionObjects); objects (deltaT); writeOption anyWrite; writeControl writeTime; }'
+jumps ignore "$work/deltaT.safetensors"
+expect_log '^m4gn: jumped 2 steps'
+for time in 0.02 0.03 0.04 0.05; do
+    grep -q '^internalField *uniform 0.002;' $time/deltaT || { sed -n 15,25p $time/deltaT; fail "deltaT at $time"; }
+done
+close_to ../before 1e-6 0.04/{U,p}
+same_on_two_ranks 1e-4 0.04/U
+# Where the model knows other time steps, the run says so
+control deltaT 0.001
+jumps warn "$work/deltaT.safetensors"
+expect_log 'deltaT is'

@@ -1,43 +1,34 @@
 #!/usr/bin/env bash
 # Messages and small things that users met: each was wrong once.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
-make_case case
-sed -i 's/^endTime .*/endTime 0.02;/' system/controlDict
+make_case case endTime 0.02
 
 # Entries that are no dictionaries are errors, not warnings
-function_object m4gnSurrogate "mode observe; model \"$small_model\"; nodeTypes outlet;"
-refused 'Entry nodeTypes of .* is no dictionary' icoFoam
-function_object m4gnSurrogate "mode observe; model \"$small_model\"; segments 16;"
-refused 'Entry segments of .* is no dictionary' icoFoam
-function_object m4gnRecorder 'provenance none;'
-refused 'Entry provenance of .* is no dictionary' icoFoam
-function_object m4gnSegments 'segments 16;'
-refused 'Entry segments of .* is no dictionary' icoFoam
-
+expect_errors <<EOD
+mode observe; $small nodeTypes outlet; => Entry nodeTypes of .* is no dictionary
+mode observe; $small segments 16; => Entry segments of .* is no dictionary
+mode observe; $small resolution on; => resolution: expected auto, off or a positive length in m
+EOD
+expect_errors m4gnRecorder <<< 'provenance none; => Entry provenance of .* is no dictionary'
+expect_errors m4gnSegments <<< 'segments 16; => Entry segments of .* is no dictionary'
 # A resolution is a word, a switch of OpenFOAM's, or a length
-for resolution in auto off 0.2; do
-    function_object m4gnSurrogate "mode observe; model \"$small_model\"; resolution $resolution;"
-    runs icoFoam
-done
-function_object m4gnSurrogate "mode observe; model \"$small_model\"; resolution on;"
-refused 'resolution: expected auto, off or a positive length in m' icoFoam
+for resolution in auto off 0.2; do ride "mode observe; $small resolution $resolution;"; done
 
 # postProcess -time 0 writes to 0, whatever startFrom says
 : > system/functions
-runs icoFoam
-sed -i 's/^startFrom .*/startFrom latestTime;/' system/controlDict
+solve
+control startFrom latestTime
 echo 'type m4gnSegments; libs (m4gnFoam); segments { count 16; modes 4; }' > system/m4gnSegments
 runs postProcess -func m4gnSegments -time 0
 if [ ! -f 0/m4gnSegment ] || [ ! -f 0/m4gnMode1 ]; then find . -name 'm4gn*'; fail "-time 0 did not write to 0"; fi
 [ -z "$(ls 0.02/m4gn* 2> /dev/null)" ] || fail "-time 0 wrote to the last time"
 
 # A serial run that has computed modes ends without a warning
-! grep -q 'Finalizing MPI' log.run || { tail -20 log.run; fail "postProcess ends with a warning of MPI"; }
-sed -i 's/^startFrom .*/startFrom startTime;/' system/controlDict
+expect_silence 'Finalizing MPI'
+control startFrom startTime
 function_object m4gnSegments 'segments { count 16; modes 4; } recompute yes;'
-runs icoFoam
-! grep -q 'Finalizing MPI' log.run || { tail -20 log.run; fail "icoFoam ends with a warning of MPI"; }
+solve
+expect_silence 'Finalizing MPI'
 
 # What 'm4gn segment' says about a patch that it does not know
 clean_case
@@ -57,4 +48,3 @@ for other in OpenFOAM-13 OpenFOAM-dev foam-4.1; do
     refused "what is sourced is $name .*$other, and m4gn needs .*openfoam.com" env -u WM_PROJECT -u WM_PROJECT_VERSION \
         WM_PROJECT_DIR="$PWD/$other" cmake -S "$M4GN_HOME/openfoam" -B "$work/refused"
 done
-echo "messages: passed"

@@ -1,6 +1,5 @@
 #!/usr/bin/env bash
 # Nodes at points: recordings of point fields, on one rank and on several, however the cells are dealt to them.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 mkdir -p case/constant case/system case/0 && cd case
@@ -18,7 +17,6 @@ control_dict none 3 1 timeStep 1 12
 { header fvSchemes; echo 'ddtSchemes {} gradSchemes { default Gauss linear; } divSchemes {} interpolationSchemes { default linear; }
 laplacianSchemes { default Gauss linear corrected; } snGradSchemes { default corrected; }'; } > system/fvSchemes
 header fvSolution > system/fvSolution
-: > system/functions
 runs blockMesh
 points=$(awk '/^[0-9]+$/ { print; exit }' constant/polyMesh/points)
 for time in 0 1 2 3; do
@@ -36,7 +34,7 @@ EOD
 done
 
 file=postProcessing/test/0/trajectory.h5
-function_object m4gnRecorder 'fields (pointD); location points;'
+recorder 'fields (pointD); location points;'
 eigenvalues() { m4gn segment "$1" --method slic-md --segments 6 --modes 8 --json "$2" > log.segment; }
 numbers() { sed -n '/"eigenvalues"/,/]/p' "$1" | grep -E '^ *[0-9]'; }
 runs postProcess -time '1:'
@@ -53,7 +51,7 @@ eigenvalues ../serial.h5 ../serial.json
 { header cells labelList; echo "240 ($(awk 'BEGIN { srand(5); for (i = 0; i < 240; ++i) print int(4*rand()) }'))"; } > constant/cells
 for method in 'simple; coeffs { n (3 1 1); }' 'manual; coeffs { dataFile "cells"; }'; do
     ranks=3; case $method in manual*) ranks=4 ;; esac
-    { header decomposeParDict; echo "numberOfSubdomains $ranks; method $method"; } > system/decomposeParDict
+    decomposition $ranks "${method%%;*}" "${method#*;}"
     rm -rf processor* postProcessing
     runs decomposePar -time '0:'
     runs mpirun -np $ranks postProcess -parallel -time '1:'
@@ -64,9 +62,8 @@ for method in 'simple; coeffs { n (3 1 1); }' 'manual; coeffs { dataFile "cells"
         1e-10 "eigenvalues, $ranks ranks (${method%%;*})"
 done
 
-function_object m4gnRecorder 'fields (pointD); location nodes;'
+recorder 'fields (pointD); location nodes;'
 refused 'expected cells or points' postProcess -time '1:'
 rm -r processor* postProcessing
-function_object m4gnRecorder 'fields (D); location points;'
+recorder 'fields (D); location points;'
 refused 'nor stored at time 1 as a pointScalarField or pointVectorField' postProcess -time '1:'
-echo "points: passed"

@@ -1,78 +1,69 @@
 #!/usr/bin/env bash
 # Stored segments that are not those the model wants: of another method, of another mesh, interpolated. They are computed
 # anew, refused, or kept, as the entry stored says.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
-make_case case
-sed -i 's/^endTime .*/endTime 0.02;/' system/controlDict
+make_case case endTime 0.02
 echo 'libs (m4gnFoam);' >> system/controlDict
-surrogate() { function_object m4gnSurrogate "mode observe; model \"$small_model\"; $*"; }
-table() { awk '!/^#/' postProcessing/test/0/surrogateError.dat; }
+observe="mode observe; $small"
+table() { rows postProcessing/test/0/surrogateError.dat; }
 again() { clean_case; rm -rf 0/m4gn*; }
-reads() { grep -q 'segments read from' log.run || { cat log.run; fail "$1: the segments were not read"; }; }
+reads() { solve && expect_log 'segments read from'; }
+# anew WHY: the run computes the model's own, whose errors it has
 anew() {
-    grep -q "segments stored in .* are not taken: .*$1" log.run || { cat log.run; fail "not said: $1"; }
+    solve
+    expect_log "segments stored in .* are not taken: .*$1"
     [ "$(table)" = "$own" ] || { echo "$own"; table; fail "other errors than with the model's own segments: $1"; }
 }
 
-surrogate
-runs icoFoam
+surrogate "$observe"
+solve
 own=$(table)
 [ -f 0/m4gnSegmentDict ] || fail "how the segments were made was not stored"
 # OpenFOAM tools that read all fields end after remeshing, and name the file
 grep -q "after remeshing remove this file" 0/m4gnSegment || fail "the header of 0/m4gnSegment does not say what to do after remeshing"
-runs icoFoam
-reads "the model's own"
+reads
 [ "$(table)" = "$own" ] || fail "the model's own segments give other errors when they are read"
 
 # By the command line, with its own defaults
 again
 : > system/functions
 runs m4gn segment . --segments 20
-surrogate
+surrogate "$observe"
 cp -r 0 ../by-command
-runs icoFoam
 anew 'count is 20 there'
-runs icoFoam
-reads "segments that were computed anew"
+reads
 
 # What the dictionary says about them
 restore() { again && cp -r ../by-command/. 0; }
 restore
-surrogate 'segments { stored refuse; }'
-refused 'are not those wanted: .*count is 20 there' icoFoam
-grep -q 'stored keep' log.run || fail "no remedy"
+expect_error 'are not those wanted: .*count is 20 there' "$observe segments { stored refuse; }"
+# What can be done
+expect_log 'stored keep'
 restore
 cmp 0/m4gnSegment ../by-command/m4gnSegment || fail "a refused run changed the segments"
-surrogate 'segments { stored perhaps; }'
-refused 'Entry stored is perhaps; expected one of recompute, refuse, keep' icoFoam
-surrogate 'segments { stored keep; count 20; }'
-runs icoFoam
-reads "stored keep"
+expect_error 'Entry stored is perhaps; expected one of recompute, refuse, keep' "$observe segments { stored perhaps; }"
+surrogate "$observe segments { stored keep; count 20; }"
+reads
 [ "$(table)" != "$own" ] || fail "the test does not see which segments are used"
 
 # By decomposePar with nothing said
 again
-surrogate
+surrogate "$observe"
 cp system/decomposeParDict ..
-echo "$(header x) numberOfSubdomains 2; method m4gn;" > system/decomposeParDict
+decomposition 2 m4gn
 runs decomposePar -force
 cp ../decomposeParDict system
 [ -f 0/m4gnSegmentDict ] || fail "decomposePar stored no record"
 runs mpirun -np 2 icoFoam -parallel
-grep -q 'segments stored in .* are not taken' log.run || { cat log.run; fail "segments of decomposePar were taken"; }
-paste <(echo "$own") <(table) | awk '{ for (i = 1; i <= NF/2; ++i) { d = ($i - $(i + NF/2))/($i + 1e-12); if (d*d > 1e-8) exit 1 } }' ||
-    { echo "$own"; table; fail "after decomposePar: other errors"; }
+expect_log 'segments stored in .* are not taken'
+same_rows "$own" "$(table)"
 runs mpirun -np 2 icoFoam -parallel
-reads "two ranks, a second time"
+expect_log 'segments read from'
 
 # Nothing that says how they were made
 again
-surrogate
-runs icoFoam
-rm 0/m4gnSegmentDict
-rm -rf postProcessing
-runs icoFoam
+solve
+rm -r 0/m4gnSegmentDict postProcessing
 anew 'nothing is stored with them'
 
 # A finer mesh: neither the run nor decomposePar with the method m4gn ends; modes of the old mesh go
@@ -81,20 +72,17 @@ runs m4gn segment .
 [ -f 0/m4gnMode1 ] || fail "no modes were written"
 cp -r . ../finer && cd ../finer
 sed -i 's/0\.058/0.05/' mesh.geo
-{ gmsh -nt 1 -3 -format msh2 -o mesh.msh mesh.geo && gmshToFoam mesh.msh && changeDictionary -constant; } > log.mesh 2>&1 ||
-    fail "the finer mesh"
+mesh_of_the_cylinder
 cp -r 0 ../stale
-runs icoFoam
-grep -q 'are not taken: they are of another mesh: [0-9]* values for [0-9]* cells' log.run || { cat log.run; fail "not said: another mesh"; }
+solve
+expect_log 'are not taken: they are of another mesh: [0-9]* values for [0-9]* cells'
 [ ! -e 0/m4gnMode1 ] || fail "modes of another mesh were left"
-runs icoFoam
-reads "finer mesh"
+reads
 rm -rf 0 && cp -r ../stale 0
-echo "$(header x) numberOfSubdomains 2; method m4gn;" > system/decomposeParDict
+decomposition 2 m4gn
 runs decomposePar -force
-surrogate 'segments { stored keep; }'
 rm -rf 0 && cp -r ../stale 0
-refused 'they are of another mesh' icoFoam
+expect_error 'they are of another mesh' "$observe segments { stored keep; }"
 # With another method OpenFOAM reads all fields of cells and ends. It names the file, and the file has the remedy.
 cp ../decomposeParDict system
 while [ -n "$(find 0 -name m4gnSegment -o -name 'm4gnMode*')" ]; do
@@ -106,16 +94,14 @@ done
 runs decomposePar -force
 
 # Interpolated by mapFields
-surrogate
+surrogate "$observe"
 rm -rf 0 && cp -r ../case/0 0 && rm -f 0/m4gn*
 echo "$(header m4gnSegment volScalarField) dimensions [0 0 0 0 0 0 0]; internalField uniform 0;
 boundaryField { \".*\" { type zeroGradient; } frontAndBack { type empty; } }" > 0/m4gnSegment
 runs mapFields ../case -consistent -sourceTime 0
-grep -q 'm4gnSegment' log.run || { cat log.run; fail "mapFields did not map the segments"; }
+expect_log 'm4gnSegment'
 values 0/m4gnSegment | grep -q '\.' || fail "mapFields gave whole numbers: the test shows nothing"
-runs icoFoam
-grep -q 'are not taken: one of them is [0-9.]*, and labels of segments are whole numbers' log.run || { cat log.run; fail "interpolated labels were taken"; }
-surrogate 'segments { stored keep; }'
+solve
+expect_log 'are not taken: one of them is [0-9.]*, and labels of segments are whole numbers'
 rm -rf postProcessing
-refused 'labels of segments are whole numbers' icoFoam
-echo "segment-record: passed"
+expect_error 'labels of segments are whole numbers' "$observe segments { stored keep; }"

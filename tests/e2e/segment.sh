@@ -1,23 +1,18 @@
 #!/usr/bin/env bash
 # m4gn segment: figures, fields that OpenFOAM's own tools read and a later run finds, the same answer from a recording.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
-here=$work/case
-
 # json FILE EXPRESSION: of Python, over the figures d
 json() { python3 -c "import json, sys; d = json.load(open(sys.argv[1])); print($2)" "$1"; }
 
 for format in ascii binary; do
-    sed -i "s/^writeFormat .*/writeFormat $format;/" system/controlDict
+    control writeFormat $format
     runs m4gn segment . --segments 16 --json ../$format.json
-    grep -q 'wrote m4gnSegment, m4gnMode1, .*m4gnMode6 in .*/case/0 (method slic-md, K 16' log.run || { cat log.run; fail "what was written"; }
+    expect_log 'wrote m4gnSegment, m4gnMode1, .*m4gnMode6 in .*/case/0 (method slic-md, K 16'
     grep -q "format  *$format;" 0/m4gnSegment || fail "0/m4gnSegment is not $format"
     # OpenFOAM reads what was written
     rm -rf VTK && runs foamToVTK -time 0 -ascii
-    for field in m4gnSegment m4gnMode6; do
-        grep -q $field log.run || { cat log.run; fail "foamToVTK does not know $field"; }
-    done
+    expect_log m4gnSegment m4gnMode6
 done
 json ../ascii.json 'len(d["eigenvalues"]) == 6 and d["conductance"] > 0 and 0 < d["edge_cut_ratio"] < 1 and -1 <= d["silhouette"] <= 1' |
     grep -q True || fail "$(json ../ascii.json d)"
@@ -25,30 +20,31 @@ find . -name '*.unfinished' | grep . && fail "an unfinished file was left"
 
 # What was written is found by a run, and by its two ranks
 rm -rf VTK
-function_object m4gnSurrogate "mode observe; model \"$small_model\"; segments { count 16; stored keep; }"
-runs icoFoam
-grep -q 'segments read from 0/m4gnSegment' log.run || fail "the run did not read the segments"
+surrogate "mode observe; $small segments { count 16; stored keep; }"
+solve
+expect_log 'segments read from 0/m4gnSegment'
 clean_fields() { find . -maxdepth 1 -name '[0-9]*' ! -name 0 -exec rm -rf {} +; rm -rf postProcessing processor*; }
 clean_fields
-on_two_ranks icoFoam
-grep -q 'segments read from 0/m4gnSegment' log.run || fail "the ranks did not read the segments"
+solve 2
+expect_log 'segments read from 0/m4gnSegment'
 grep -q 'decomposePar -fields' <(m4gn segment .) || fail "it is not said that the case is decomposed"
 clean_fields
 
 # They are the ones that a run computes, and the entries of the function object are the defaults
 cp 0/m4gnSegment ../by-command && rm 0/m4gn*
-sed -i "s/^writeFormat .*/writeFormat ascii;/" system/controlDict
-runs icoFoam
+control writeFormat ascii
+solve
 cp 0/m4gnSegment ../by-run && rm 0/m4gn*
 runs m4gn segment .
-grep -q 'K 16' log.run || fail "count 16 of the function object was not taken"
+# The function object's count
+expect_log 'K 16'
 [ "$(difference ../by-run 0/m4gnSegment)" = 0 ] || fail "a run computes other segments"
 clean_fields
 
 # The mesh of a recording is the mesh of the case
-function_object m4gnRecorder
-sed -i 's/^endTime .*/endTime 0.01;/' system/controlDict
-runs icoFoam
+control endTime 0.01
+recorder
+solve
 runs m4gn segment . --segments 16 --json ../case.json --no-write
 (cd .. && runs m4gn segment case/postProcessing/test/0/trajectory.h5 --segments 16 --json data.json \
     --vtu trajectory.segments.vtu)
@@ -85,5 +81,3 @@ fi
 refused 'is neither an OpenFOAM case' m4gn segment constant
 refused 'expected a number from 1' m4gn segment . --segments 0
 refused 'segments for' m4gn segment . --segments 5000
-cd "$here"
-echo "segment: passed"

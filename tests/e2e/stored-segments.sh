@@ -1,30 +1,26 @@
 #!/usr/bin/env bash
 # m4gnSegment is computed once: decomposePar, parallel runs, reconstructPar, restarts, renumberMesh and redistributePar
 # keep it.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
 echo 'libs (m4gnFoam);' >> system/controlDict
-function_object m4gnSurrogate "mode observe; model \"$small_model\"; writeControl writeTime; segments { stored keep; }"
+surrogate "mode observe; $small writeControl writeTime; segments { stored keep; }"
 printf 'type m4gnSegments; libs (m4gnFoam); modes no; segments { model "%s"; method metis; stored keep; }\n' "$small_model" \
     > system/m4gnSegments
 
-# span TIME START: end and start (startTime or latestTime) of the run
-span() { sed -i "s/^endTime .*/endTime $1;/; s/^startFrom .*/startFrom $2;/" system/controlDict; }
-reads() { grep -q "segments read from .*$1" log.run || { grep segments log.run; fail "no segments were read from $1"; }; }
-computes() { ! grep -q 'segments read' log.run || fail "segments were read where none should be stored"; }
-table() { awk '!/^#/' postProcessing/test/"$1"/surrogateError.dat; }
-same_table() {
-    paste <(echo "$1") <(echo "$2") | awk '
-        NF < 10 || NF % 2 { exit 1 }
-        { for (i = 1; i <= NF/2; ++i) { d = ($i - $(i + NF/2))/($i + 1e-12); if (d*d > 1e-8) exit 1 } }' ||
-        { echo "$1"; echo "$2"; fail "$3"; }
+# reads FILE: the segments of the run; computes: its own
+reads() { expect_log "segments read from .*$1"; }
+computes() { expect_silence 'segments read'; }
+table() { rows "postProcessing/test/$1/surrogateError.dat"; }
+# to TIME [START]: the run goes on to there, on one rank, or on those of the processors' folders
+to() {
+    control endTime "$1" startFrom "${2:-latestTime}"
+    if [ -d processor0 ]; then parallel icoFoam; else solve; fi
 }
 parallel() { runs mpirun -np 2 "$@" -parallel; }
 
 # The surrogate begins one solver step after the start and reports its error a stride later: one row a run
-span 0.014 startTime
-runs icoFoam
+to 0.014 startTime
 own=$(table 0)
 runs postProcess -func m4gnSegments -time 0
 reads 0/m4gnSegment
@@ -44,12 +40,10 @@ reads 0/m4gnSegment
 [ "$(table 0 | wc -l)" -eq 1 ] || { table 0; fail "expected one row"; }
 [ "$(table 0)" != "$own" ] || fail "the test does not see which segments are used"
 cp -r . ../next
-span 0.024 latestTime
-runs icoFoam
+to 0.024
 reads 0/m4gnSegment
 second=$(table 0.01)
-span 0.034 latestTime
-runs icoFoam
+to 0.034
 reads 0/m4gnSegment
 third=$(table 0.02)
 echo "restart in serial: kept"
@@ -57,53 +51,47 @@ echo "restart in serial: kept"
 # decomposePar of the latest time alone: the processors' folders have no segments, the undecomposed case has
 for format in ascii binary; do
     rm -rf ../next-$format && cp -r ../next ../next-$format && cd ../next-$format
-    sed -i "s/^writeFormat .*/writeFormat $format;/" system/controlDict
+    control writeFormat $format startFrom latestTime
     runs foamFormatConvert
-    span 0.024 latestTime
     runs decomposePar -latestTime
     [ ! -e processor0/0/m4gnSegment ] || fail "time 0 was decomposed"
-    parallel icoFoam
+    to 0.024
     reads "next-$format/0/m4gnSegment"
-    same_table "$second" "$(table 0.01)" "$format: two ranks found other errors"
+    same_rows "$second" "$(table 0.01)"
 done
 runs reconstructPar -latestTime
-sed -i "s/^writeFormat .*/writeFormat ascii;/" system/controlDict
-span 0.034 latestTime
+control writeFormat ascii
 rm -r processor*
-runs icoFoam
+to 0.034
 reads 0/m4gnSegment
-same_table "$third" "$(table 0.02)" "serial after parallel: other errors"
+same_rows "$third" "$(table 0.02)"
 echo "serial, decomposePar, parallel, reconstructPar, serial: kept"
 
 # Computed in parallel: the undecomposed case has them at once
 cd ../case
 clean_case
-span 0.014 startTime
+control startFrom startTime
 runs decomposePar
-parallel icoFoam
+to 0.014 startTime
 computes
 if [ ! -f 0/m4gnSegment ] || [ ! -f processor1/0/m4gnSegment ]; then fail "the segments were not stored"; fi
-same_table "$own" "$(table 0)" "computed in parallel: other errors than computed in serial"
-span 0.024 latestTime
-parallel icoFoam
+same_rows "$own" "$(table 0)"
+to 0.024
 reads 0/m4gnSegment
 runs reconstructPar
 rm -r processor*
-span 0.034 latestTime
-runs icoFoam
+to 0.034
 reads 0/m4gnSegment
 echo "parallel, restart, reconstructPar, serial: kept"
 
 # Begun at a later time
 rm 0/m4gnSegment
-span 0.044 latestTime
 runs decomposePar -latestTime
-parallel icoFoam
+to 0.044
 computes
 [ -f processor0/0.03/m4gnSegment ] || fail "the segments were not stored in the folder of the start time"
 [ -f 0.03/m4gnSegment ] || fail "the undecomposed case has no segments"
-span 0.054 latestTime
-parallel icoFoam
+to 0.054
 reads 0.03/m4gnSegment
 echo "begun at a later time: kept"
 
@@ -116,19 +104,13 @@ sort_cells > ../before
 runs renumberMesh -overwrite
 sort_cells > ../after
 cmp ../before ../after || fail "renumberMesh lost the segments"
-span 0.004 startTime
-runs icoFoam
+to 0.004 startTime
 reads 0/m4gnSegment
-decompose_dict() {
-    echo "FoamFile { version 2.0; format ascii; class dictionary; object x; } numberOfSubdomains $1; method m4gn;" \
-        > system/decomposeParDict
-}
-decompose_dict 2
+decomposition 2 m4gn
 runs decomposePar -force -time 0
-decompose_dict 3
+decomposition 3 m4gn
 runs mpirun -np 3 redistributePar -parallel -overwrite
 reads 0/m4gnSegment
 for p in processor*; do labels "$p/0/m4gnSegment"; done > ../found
 [ "$(wc -l < ../found)" -eq "$(values 0/m4gnSegment | sort -u | wc -l)" ] || fail "redistributePar tore segments"
 echo "renumberMesh, redistributePar: kept"
-echo "stored-segments: passed"
