@@ -46,7 +46,7 @@ Foam::wordList Foam::m4gnSolidLaw::fields()
 
 Foam::autoPtr<Foam::m4gnSolidLaw> Foam::m4gnSolidLaw::New(const fvMesh& mesh)
 {
-    static bool said = false;
+    static bool notice = false;
 
     autoPtr<m4gnSolidLaw> law;
     string why;
@@ -70,13 +70,13 @@ Foam::autoPtr<Foam::m4gnSolidLaw> Foam::m4gnSolidLaw::New(const fvMesh& mesh)
         return law;
     }
 
-    if (!said) {
+    if (!notice) {
         Info << "m4gn: solids4foam's material law is not asked: "
              << (why.empty() ? "another rank cannot" : why.c_str()) << nl
              << "    Stresses at the surrogate's times stay those of the solver's"
              << " last step, and boundary values are extrapolated. To build what"
              << " asks it: setup/solids4foam.sh, or openfoam/solids4foam" << endl;
-        said = true;
+        notice = true;
     }
 
     return autoPtr<m4gnSolidLaw>();

@@ -30,34 +30,64 @@ Foam::volVectorField& Foam::m4gnDisplacementCompletion::rate() const
     return mesh_.lookupObjectRef<volVectorField>(m4gnOwnFields::rateOf(DName_));
 }
 
-Foam::word Foam::m4gnDisplacementCompletion::displacementName(const dictionary& dict)
+Foam::word Foam::m4gnDisplacementCompletion::displacementName(const dictionary& dict, const word& usual)
 {
-    return dict.getOrDefault<word>("D", "D");
+    return dict.getOrDefault<word>("D", usual);
 }
 
 void Foam::m4gnDisplacementCompletion::update() { D().correctBoundaryConditions(); }
 
-Foam::m4gnDisplacementCompletion::m4gnDisplacementCompletion(
-    const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnCompletion(mesh, dict, session), DName_(displacementName(dict)), dynamic_(false)
+void Foam::m4gnDisplacementCompletion::useLaw(const dictionary& dict, const bool atPoints)
+{
+    law_ = m4gnSolidLaw::New(mesh_);
+    relaxation_ = m4gnRelaxation::New(mesh_, dict, session_.stride(), atPoints, law_, dynamic_);
+}
+
+bool Foam::m4gnDisplacementCompletion::leftAsPredicted(const scalar deltaT, const bool handOver)
+{
+    if (!completeLastTwo()) {
+        return false;
+    }
+
+    const bool relaxed = relaxation_->relax(*law_, displacements(), rates(), accelerations(), deltaT);
+    if (handOver) {
+        relaxation_->end();
+    }
+    return !relaxed;
+}
+
+void Foam::m4gnDisplacementCompletion::checkSolver(const HashTable<wordList>& rates, const char* how) const
 {
     refuseHistory();
 
-    const word used(m4gn::scheme(mesh_.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')'));
-
-    if (used != "Euler" && used != "steadyState") {
+    if (!rates.found(scheme_)) {
         FatalErrorInFunction << "mode replace does not handle the time scheme of " << DName_
-                             << " in d2dt2Schemes: " << used << nl << "    Handled: Euler, steadyState"
-                             << exit(FatalError);
+                             << " in d2dt2Schemes: " << scheme_ << nl
+                             << "    Handled: " << m4gn::join(rates.sortedToc()) << exit(FatalError);
     }
-    dynamic_ = used == "Euler";
 
     wordList needed(1, DName_);
-    if (dynamic_) {
-        needed.append(m4gnOwnFields::rateOf(DName_));
-    }
+    needed.append(rates[scheme_]);
+    checkAdvanced(needed, scheme_, how);
+}
 
-    checkAdvanced(needed, used, "");
+Foam::m4gnDisplacementCompletion::m4gnDisplacementCompletion(
+    const fvMesh& mesh, const dictionary& dict, const m4gnSession& session, const word& DName)
+    : m4gnCompletion(mesh, dict, session), DName_(DName),
+      scheme_(m4gn::scheme(mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName + ')')),
+      dynamic_(scheme_ != "steadyState"), followed_(false)
+{}
+
+Foam::m4gnDisplacementCompletion::m4gnDisplacementCompletion(
+    const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
+    : m4gnDisplacementCompletion(mesh, dict, session, displacementName(dict))
+{
+    checkSolver({{"Euler", {m4gnOwnFields::rateOf(DName_)}}, {"steadyState", {}}}, "");
+}
+
+bool Foam::m4gnDisplacementCompletion::beforeStride()
+{
+    return relaxation_ && relaxation_->restore(displacements(), rates(), accelerations());
 }
 
 void Foam::m4gnDisplacementCompletion::advance(const m4gnState& predicted, const scalar duration)
@@ -100,9 +130,21 @@ Foam::wordList Foam::m4gnDisplacementCompletion::advanced() const
     return names;
 }
 
+void Foam::m4gnDisplacementCompletion::write() const
+{
+    if (relaxation_) {
+        relaxation_->write();
+    }
+    if (followed_) {
+        law_->write();
+    } else {
+        m4gnCompletion::write();
+    }
+}
+
 Foam::List<Foam::m4gnCompletion::quantity> Foam::m4gnDisplacementCompletion::quantities() const
 {
-    const tmp<scalarField> magD(mag(D().primitiveField()));
+    const tmp<scalarField> magD(mag(displacements()));
 
     return {quantity("minMag" + DName_, gMin(magD())), quantity("maxMag" + DName_, gMax(magD()))};
 }

@@ -3,6 +3,7 @@
 #include "m4gnIncrementalDisplacementCompletion.H"
 #include "m4gnCompletionType.H"
 #include "m4gnCaseChecks.H"
+#include "m4gnSetFields.H"
 #include "fvcGrad.H"
 #include "volFields.H"
 
@@ -18,15 +19,6 @@ namespace
 const char* const smallStrain = "epsilon_";
 const char* const deformation = "F_";
 
-//- Set a field and its boundary values; its old level has those of before
-template <class Type>
-void set(
-    Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>& field,
-    const Foam::tmp<Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>>& values)
-{
-    field.oldTime();
-    field == values;
-}
 } // End anonymous namespace
 
 Foam::volVectorField& Foam::m4gnIncrementalDisplacementCompletion::DD() const
@@ -64,7 +56,7 @@ void Foam::m4gnIncrementalDisplacementCompletion::setLevels(const scalar deltaT)
     volVectorField& old = D().oldTime();
 
     if (dynamic_) {
-        set(increment, dimensionedScalar("deltaT", dimTime, deltaT) * rate());
+        m4gn::set(increment, dimensionedScalar("deltaT", dimTime, deltaT) * rate());
         old == D() - increment;
         old.oldTime() == old - increment;
         increment.oldTime() == increment;
@@ -76,7 +68,7 @@ void Foam::m4gnIncrementalDisplacementCompletion::setLevels(const scalar deltaT)
         }
     }
 
-    set(mesh_.lookupObjectRef<volTensorField>("grad(DD)"), fvc::grad(increment));
+    m4gn::set(mesh_.lookupObjectRef<volTensorField>("grad(DD)"), fvc::grad(increment));
 }
 
 bool Foam::m4gnIncrementalDisplacementCompletion::applies(const fvMesh& mesh, const dictionary&)
@@ -113,15 +105,15 @@ void Foam::m4gnIncrementalDisplacementCompletion::complete(const scalar deltaT, 
     }
 
     auto& gradD = mesh_.lookupObjectRef<volTensorField>("grad(D)");
-    set(gradD, fvc::grad(D()));
+    m4gn::set(gradD, fvc::grad(D()));
     if (linear()) {
-        set(mesh_.lookupObjectRef<volSymmTensorField>(smallStrain), symm(gradD));
+        m4gn::set(mesh_.lookupObjectRef<volSymmTensorField>(smallStrain), symm(gradD));
         return;
     }
 
     const dimensionedTensor one("one", dimless, tensor::I);
     for (const word& name : {word(deformation), word("F")}) {
-        set(mesh_.lookupObjectRef<volTensorField>(name), one + gradD.T());
+        m4gn::set(mesh_.lookupObjectRef<volTensorField>(name), one + gradD.T());
     }
 }
 

@@ -73,19 +73,10 @@ void Foam::m4gnTotalDisplacementCompletion::setVelocity()
     }
 }
 
-void Foam::m4gnTotalDisplacementCompletion::settle(const scalar deltaT, const bool handOver)
+void Foam::m4gnTotalDisplacementCompletion::relax(const scalar deltaT, const bool handOver)
 {
-    if (!completeLastTwo()) {
-        return;
-    }
-
-    const bool settled =
-        settling_->settle(*law_, D().primitiveFieldRef(), rate().primitiveFieldRef(), nullptr, deltaT);
-    if (!settled) {
+    if (leftAsPredicted(deltaT, handOver)) {
         D().correctBoundaryConditions();
-    }
-    if (handOver) {
-        settling_->end();
     }
 }
 
@@ -129,8 +120,7 @@ bool Foam::m4gnTotalDisplacementCompletion::applies(const fvMesh& mesh, const di
 Foam::m4gnTotalDisplacementCompletion::m4gnTotalDisplacementCompletion(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
     : m4gnDisplacementCompletion(mesh, dict, session),
-      obstacles_(m4gnObstacles::present(mesh) ? &m4gnObstacles::of(mesh) : nullptr),
-      law_(m4gnSolidLaw::New(mesh)), followed_(false)
+      obstacles_(m4gnObstacles::present(mesh) ? &m4gnObstacles::of(mesh) : nullptr)
 {
     refuseContact();
 
@@ -140,12 +130,12 @@ Foam::m4gnTotalDisplacementCompletion::m4gnTotalDisplacementCompletion(
     made.append(m4gnSolidLaw::fields());
     refuseLeftBehind(made);
 
-    settling_ = m4gnSettling::New(mesh, dict, session.stride(), atPoints, law_, dynamic_);
+    useLaw(dict, atPoints);
 }
 
 bool Foam::m4gnTotalDisplacementCompletion::beforeStride()
 {
-    if (!settling_ || !settling_->restore(D().primitiveFieldRef(), rate().primitiveFieldRef(), nullptr)) {
+    if (!m4gnDisplacementCompletion::beforeStride()) {
         return false;
     }
     update();
@@ -154,7 +144,7 @@ bool Foam::m4gnTotalDisplacementCompletion::beforeStride()
 
 void Foam::m4gnTotalDisplacementCompletion::complete(const scalar deltaT, const bool handOver)
 {
-    settle(deltaT, handOver);
+    relax(deltaT, handOver);
 
     m4gnDisplacementCompletion::complete(deltaT, handOver);
 
@@ -180,18 +170,6 @@ Foam::wordList Foam::m4gnTotalDisplacementCompletion::advanced() const
         names.append(m4gnSolidLaw::fields());
     }
     return names;
-}
-
-void Foam::m4gnTotalDisplacementCompletion::write() const
-{
-    if (settling_) {
-        settling_->write();
-    }
-    if (followed_) {
-        law_->write();
-        return;
-    }
-    m4gnCompletion::write();
 }
 
 Foam::List<Foam::m4gnCompletion::quantity> Foam::m4gnTotalDisplacementCompletion::quantities() const

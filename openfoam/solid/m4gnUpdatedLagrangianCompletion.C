@@ -86,7 +86,7 @@ void Foam::m4gnUpdatedLagrangianCompletion::complete(const scalar deltaT, const 
     }
 
     if (moves) {
-        settle(deltaT, handOver);
+        relax(deltaT, handOver);
         followed_ = law_->follow();
         if (!followed_) {
             FatalErrorInFunction << "The surrogate's increment turns cells inside out, and the mesh"

@@ -18,11 +18,6 @@ Foam::pointVectorField& Foam::m4gnVertexCentredCompletion::field(const word& nam
     return mesh_.lookupObjectRef<pointVectorField>(name);
 }
 
-Foam::word Foam::m4gnVertexCentredCompletion::displacementName(const dictionary& dict)
-{
-    return dict.getOrDefault<word>("D", "pointD");
-}
-
 void Foam::m4gnVertexCentredCompletion::holdFixed()
 {
     const pointVectorField& D = field(DName_);
@@ -44,71 +39,28 @@ void Foam::m4gnVertexCentredCompletion::holdFixed()
     }
 }
 
-Foam::vectorField* Foam::m4gnVertexCentredCompletion::acceleration()
+Foam::vectorField* Foam::m4gnVertexCentredCompletion::accelerations() const
 {
     return scheme_ == "NewmarkBeta" ? &field("pointA").primitiveFieldRef() : nullptr;
-}
-
-void Foam::m4gnVertexCentredCompletion::settle(const scalar deltaT, const bool handOver)
-{
-    if (!completeLastTwo()) {
-        return;
-    }
-
-    pointVectorField& D = field(DName_);
-
-    const bool settled = settling_->settle(
-        *law_, D.primitiveFieldRef(), field("pointU").primitiveFieldRef(), acceleration(),
-        // What Euler's scheme has for the rate
-        scheme_ == "Euler" ? deltaT : 0);
-    if (!settled) {
-        D.correctBoundaryConditions();
-    }
-    if (handOver) {
-        settling_->end();
-    }
 }
 
 bool Foam::m4gnVertexCentredCompletion::applies(const fvMesh& mesh, const dictionary& dict)
 {
     const word model(m4gn::solidModel(mesh));
 
-    return mesh.foundObject<pointVectorField>(displacementName(dict))
+    return mesh.foundObject<pointVectorField>(displacementName(dict, "pointD"))
            && mesh.foundObject<pointVectorField>("pointU")
            && (model == "vertexCentredLinearGeometry" || model == "vertexCentredNonLinTotalLagGeometry");
 }
 
 Foam::m4gnVertexCentredCompletion::m4gnVertexCentredCompletion(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnCompletion(mesh, dict, session), DName_(displacementName(dict)),
-      scheme_(m4gn::scheme(mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')')),
-      law_(m4gnSolidLaw::New(mesh)), followed_(false)
+    : m4gnDisplacementCompletion(mesh, dict, session, displacementName(dict, "pointD"))
 {
-    refuseHistory();
-
-    wordList needed(1, DName_);
-
-    if (scheme_ == "Euler") {
-        needed.append("pointU");
-    } else if (scheme_ == "NewmarkBeta") {
-        needed.append("pointU");
-        needed.append("pointA");
-    } else if (scheme_ != "steadyState") {
-        FatalErrorInFunction << "mode replace does not handle the time scheme of " << DName_
-                             << " in d2dt2Schemes: " << scheme_ << nl
-                             << "    Handled: Euler, NewmarkBeta, steadyState" << exit(FatalError);
-    }
-
-    checkAdvanced(needed, scheme_, " with location points");
-
-    settling_ = m4gnSettling::New(mesh, dict, session.stride(), atPoints, law_, scheme_ != "steadyState");
-}
-
-bool Foam::m4gnVertexCentredCompletion::beforeStride()
-{
-    return settling_
-           && settling_->restore(
-               field(DName_).primitiveFieldRef(), field("pointU").primitiveFieldRef(), acceleration());
+    checkSolver(
+        {{"Euler", {"pointU"}}, {"NewmarkBeta", {"pointU", "pointA"}}, {"steadyState", {}}},
+        " with location points");
+    useLaw(dict, atPoints);
 }
 
 void Foam::m4gnVertexCentredCompletion::advance(const m4gnState& predicted, const scalar)
@@ -133,7 +85,10 @@ void Foam::m4gnVertexCentredCompletion::advance(const m4gnState& predicted, cons
 
 void Foam::m4gnVertexCentredCompletion::complete(const scalar deltaT, const bool handOver)
 {
-    settle(deltaT, handOver);
+    // What Euler's scheme has for the rate
+    if (leftAsPredicted(scheme_ == "Euler" ? deltaT : 0, handOver)) {
+        field(DName_).correctBoundaryConditions();
+    }
     holdFixed();
 
     if (scheme_ == "Euler") {
@@ -145,18 +100,6 @@ void Foam::m4gnVertexCentredCompletion::complete(const scalar deltaT, const bool
     followed_ = law_ && law_->follow();
 }
 
-void Foam::m4gnVertexCentredCompletion::write() const
-{
-    if (settling_) {
-        settling_->write();
-    }
-    if (followed_) {
-        law_->write();
-        return;
-    }
-    m4gnCompletion::write();
-}
-
 Foam::wordList Foam::m4gnVertexCentredCompletion::advanced() const
 {
     wordList names(m4gnCompletion::advanced());
@@ -165,11 +108,4 @@ Foam::wordList Foam::m4gnVertexCentredCompletion::advanced() const
         names.append(m4gnSolidLaw::fields());
     }
     return names;
-}
-
-Foam::List<Foam::m4gnCompletion::quantity> Foam::m4gnVertexCentredCompletion::quantities() const
-{
-    const tmp<scalarField> magD(mag(field(DName_).primitiveField()));
-
-    return {quantity("minMag" + DName_, gMin(magD())), quantity("maxMag" + DName_, gMax(magD()))};
 }

@@ -189,7 +189,8 @@ Foam::string Foam::m4gnSolids4FoamLaw::mismatch() const
     return string();
 }
 
-Foam::m4gnSolids4FoamLaw::m4gnSolids4FoamLaw(const fvMesh& mesh) : mesh_(mesh), solid_(nullptr), said_(false)
+Foam::m4gnSolids4FoamLaw::m4gnSolids4FoamLaw(const fvMesh& mesh)
+    : mesh_(mesh), solid_(nullptr), warning_(false)
 {
     // Classes of another build may be laid out in another way
     if (digest() != M4GN_SOLIDS4FOAM_DIGEST) {
@@ -215,8 +216,8 @@ bool Foam::m4gnSolids4FoamLaw::follow()
     }
 
     if (!done) {
-        if (!said_) {
-            said_ = true;
+        if (!warning_) {
+            warning_ = true;
             WarningInFunction << "No boundary values were found with which the stress of the"
                               << " surrogate's displacement agrees, or it turns cells inside"
                               << " out: stresses of such states stay as they were, and boundary"

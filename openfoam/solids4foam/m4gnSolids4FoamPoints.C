@@ -186,7 +186,7 @@ bool Foam::m4gnSolids4FoamLaw::newton(const scalar duration, const scalar tolera
     return false;
 }
 
-bool Foam::m4gnSolids4FoamLaw::settlePoints(
+bool Foam::m4gnSolids4FoamLaw::relaxPoints(
     const vectorField& free, const scalar duration, const scalar tolerance)
 {
     pointVectorField& D = solid_->pointD();

@@ -5,7 +5,7 @@
 #include "fvm.H"
 #include "solidModel.H"
 
-bool Foam::m4gnSolids4FoamLaw::settles() const
+bool Foam::m4gnSolids4FoamLaw::relaxes() const
 {
     if (!atPoints()) {
         return steps();
@@ -30,10 +30,10 @@ bool Foam::m4gnSolids4FoamLaw::steps() const
                || model == "nonLinearGeometryUpdatedLagrangian");
 }
 
-bool Foam::m4gnSolids4FoamLaw::settle(const vectorField& free, const scalar duration, const scalar tolerance)
+bool Foam::m4gnSolids4FoamLaw::relax(const vectorField& free, const scalar duration, const scalar tolerance)
 {
     if (atPoints()) {
-        return settlePoints(free, duration, tolerance);
+        return relaxPoints(free, duration, tolerance);
     }
 
     solidModel& solid = *solid_;

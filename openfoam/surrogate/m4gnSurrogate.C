@@ -10,7 +10,7 @@
 #include "m4gnFunctionObjects.H"
 #include "m4gnHybridRun.H"
 #include "m4gnJump.H"
-#include "m4gnSettling.H"
+#include "m4gnRelaxation.H"
 #include "m4gnVersion.H"
 #include "Time.H"
 
@@ -237,7 +237,7 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     if (replaces_) {
         const m4gnFluxProjection checked(mesh_, dict);
         m4gnElasticSmoothing::checkDictionary(dict);
-        m4gnSettling::checkDictionary(dict);
+        m4gnRelaxation::checkDictionary(dict);
     } else if (m4gnNodes::atPoints(dict)) {
         FatalIOErrorInFunction(dict) << "Entry location is points, which is for mode replace; mode"
                                      << " observe works with fields of cells" << exit(FatalIOError);

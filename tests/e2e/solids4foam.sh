@@ -75,8 +75,8 @@ block '0.2 0.04 0.02' '20 4 2' 'clamp { type patch; faces (LEFT); } tip { type p
 
 # The solver to 0.02, the surrogate to 0.03, the solver to 0.04, the surrogate to 0.05, the solver to the end
 export ORACLE_STRIDE=0.005 ORACLE_FRAMES=5
-# What is handed back is right, so that nothing need be settled
-replace='mode replace; model any; timeStart 0.02; solverSteps 10; surrogateSteps 2; settling none;'
+# What is handed back is right, so that nothing need be relaxed
+replace='mode replace; model any; timeStart 0.02; solverSteps 10; surrogateSteps 2; relaxation none;'
 : > any
 
 # solve: on one rank, or on $ranks
@@ -173,19 +173,19 @@ done <<'EOD'
 2 nonLinearGeometryUpdatedLagrangian neoHookeanElastic 2000 Euler D,ddt(D) 5e-4 1e-2
 EOD
 
-# Settling: what an error has of stiff shapes goes to its equilibrium, and what is right stays; on two ranks as on one
+# Relaxation: what an error has of stiff shapes goes to its equilibrium, and what is right stays; on two ranks as on one
 if [ "$law" = yes ]; then
     sed -i 's/^endTime .*/endTime 0.036;/' system/controlDict
-    settled=${replace/settling none;/}
+    relaxed=${replace/relaxation none;/}
     # elastic FILE: the elastic energy of small strains that belongs to the stresses, but for a factor that is the same for all times (nu as above)
     elastic() {
         values "$1" | awk -v nu=0.3 '{ w += (1 + nu)*($1^2 + $4^2 + $6^2 + 2*($2^2 + $3^2 + $5^2)) - nu*($1 + $4 + $6)^2 }
             END { print w }'
     }
-    # settle WHAT ENTRIES ROUGH
-    settle() {
+    # relax WHAT ENTRIES ROUGH
+    relax() {
         clean_case
-        function_object m4gnSurrogate "location $location; ${settled/0.02;/0.02; timeEnd 0.031;} $2"
+        function_object m4gnSurrogate "location $location; ${relaxed/0.02;/0.02; timeEnd 0.031;} $2"
         if [ "$location" = cells ]; then echo "$watch" >> system/functions; fi
         ORACLE_ROUGH=$3 solve
         if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields "($field sigma)" -time '0.025:'; fi
@@ -195,7 +195,7 @@ if [ "$law" = yes ]; then
             "sigma $stress, $(difference ../full/0.031/sigma 0.031/sigma), correctors $(correctors 0.031)"
     }
     # solids4foam's own linear solver at points is for one rank. Newmark's scheme damps nothing:
-    # a recorded state has fast waves, which settling takes away.
+    # a recorded state has fast waves, which relaxation takes away.
     while read -r name material traction scheme location fields most; do
         field=${fields%%,*}
         for ranks in 1 2; do
@@ -207,10 +207,10 @@ if [ "$law" = yes ]; then
             if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields '(D sigma)' -time '0.025:'; fi
             rm -rf ../full && mkdir ../full && mv 0.* ../full
 
-            settle "$name, $scheme, no error, settled" 'settling { time 0.005; }' 0
-            below "$stress" "$most" "$name, $ranks ranks: sigma of a recorded state that was settled"
-            below "$(awk "BEGIN { d = $elastic - 1; print d < 0 ? -d : d }")" "$most" "$name, $ranks ranks: elastic energy of a recorded state that was settled off by"
-            below "$(difference ../full/0.036/"$field" 0.036/"$field")" "$(awk "BEGIN { print $most/5 }")" "$name, $ranks ranks: D after a recorded state that was settled"
+            relax "$name, $scheme, no error, relaxed" 'relaxation { time 0.005; }' 0
+            below "$stress" "$most" "$name, $ranks ranks: sigma of a recorded state that was relaxed"
+            below "$(awk "BEGIN { d = $elastic - 1; print d < 0 ? -d : d }")" "$most" "$name, $ranks ranks: elastic energy of a recorded state that was relaxed off by"
+            below "$(difference ../full/0.036/"$field" 0.036/"$field")" "$(awk "BEGIN { print $most/5 }")" "$name, $ranks ranks: D after a recorded state that was relaxed"
             if [ "$ranks" -eq 1 ]; then
                 rm -rf ../one && mkdir ../one && mv 0.* ../one
             else
@@ -227,11 +227,11 @@ if [ "$law" = yes ]; then
                 below "$(difference ../one/0.031/"$field" 0.031/"$field")" "$same" "$name: D of a run that was carried on inside a jump"
             fi
 
-            settle "$name, $scheme, rough, as predicted" 'settling none;' 0.01
+            relax "$name, $scheme, rough, as predicted" 'relaxation none;' 0.01
             rough=$stress
-            settle "$name, $scheme, rough, settled" 'settling { time 0.005; }' 0.01
-            below "$stress" "$(awk "BEGIN { print $rough/20 }")" "$name, $ranks ranks: sigma of a rough state that was settled"
-            below "$(awk "BEGIN { d = $elastic - 1; print d < 0 ? -d : d }")" 0.1 "$name, $ranks ranks: elastic energy of a rough state that was settled off by"
+            relax "$name, $scheme, rough, relaxed" 'relaxation { time 0.005; }' 0.01
+            below "$stress" "$(awk "BEGIN { print $rough/20 }")" "$name, $ranks ranks: sigma of a rough state that was relaxed"
+            below "$(awk "BEGIN { d = $elastic - 1; print d < 0 ? -d : d }")" 0.1 "$name, $ranks ranks: elastic energy of a rough state that was relaxed off by"
         done
     done <<'EOD'
 linearGeometryTotalDisplacement linearElastic 200 Euler cells D,ddt(D) 0.05
@@ -245,10 +245,10 @@ vertexCentredNonLinTotalLagGeometry neoHookeanElastic 2000 NewmarkBeta_0.25_0.5 
 EOD
     sed -i 's/^endTime .*/endTime 0.052;/' system/controlDict
     ranks=1
-    function_object m4gnSurrogate "$settled settling { time 0; }"
+    function_object m4gnSurrogate "$relaxed relaxation { time 0; }"
     refused 'expected more than 0' solids4Foam
-    function_object m4gnSurrogate "$settled settling off;"
-    refused 'expected none, or settling' solids4Foam
+    function_object m4gnSurrogate "$relaxed relaxation off;"
+    refused 'expected none, or relaxation' solids4Foam
 fi
 
 # m4gnAnderson: the solver's own answer, with a fraction of its correctors; stopped and carried on too

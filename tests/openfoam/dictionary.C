@@ -53,10 +53,11 @@ TEST(aLimitIsKept)
 
 TEST(noneIsNoDictionary)
 {
-    EXPECT(m4gn::isNone(dict("settling none;"), "settling", "example"));
-    EXPECT(!m4gn::isNone(dict("settling { time 1; }"), "settling", "example"));
-    EXPECT(!m4gn::isNone(dict(""), "settling", "example"));
-    EXPECT_REFUSED(m4gn::isNone(dict("settling off;"), "settling", "example"), "expected none, or example");
+    EXPECT(m4gn::isNone(dict("relaxation none;"), "relaxation", "example"));
+    EXPECT(!m4gn::isNone(dict("relaxation { time 1; }"), "relaxation", "example"));
+    EXPECT(!m4gn::isNone(dict(""), "relaxation", "example"));
+    EXPECT_REFUSED(
+        m4gn::isNone(dict("relaxation off;"), "relaxation", "example"), "expected none, or example");
 }
 
 TEST(aSchemeIsItsLastWord)

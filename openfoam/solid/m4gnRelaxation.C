@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-#include "m4gnSettling.H"
+#include "m4gnRelaxation.H"
 #include "m4gnDictionary.H"
 #include "m4gnCaseChecks.H"
 #include "pointFields.H"
@@ -9,7 +9,7 @@
 
 namespace
 {
-const Foam::word entryName("settling");
+const Foam::word entryName("relaxation");
 
 //- Implicit steps: the order in (omega h)^2 to which slow modes stay
 const Foam::label nSteps = 3;
@@ -18,7 +18,7 @@ const Foam::label nSteps = 3;
 //  FatalIOError if the entry is not valid.
 Foam::scalar timeOf(const Foam::dictionary& dict, const Foam::scalar usual)
 {
-    if (Foam::m4gn::isNone(dict, entryName, "settling { time 0.02; tolerance 1e-5; }")) {
+    if (Foam::m4gn::isNone(dict, entryName, "relaxation { time 0.02; tolerance 1e-5; }")) {
         return 0;
     }
     if (!dict.found(entryName)) {
@@ -42,7 +42,7 @@ Foam::scalar timeOf(const Foam::dictionary& dict, const Foam::scalar usual)
 
 } // End anonymous namespace
 
-Foam::vectorField Foam::m4gnSettling::read(const word& name) const
+Foam::vectorField Foam::m4gnRelaxation::read(const word& name) const
 {
     IOobject file(name, mesh_.time().timeName(), mesh_, IOobject::MUST_READ, IOobject::NO_WRITE, false);
     if (atPoints_) {
@@ -54,7 +54,7 @@ Foam::vectorField Foam::m4gnSettling::read(const word& name) const
                                                    : vectorField();
 }
 
-void Foam::m4gnSettling::write(
+void Foam::m4gnRelaxation::write(
     const word& name, const dimensionSet& dimensions, const vectorField& values) const
 {
     const IOobject file(name, mesh_.time().timeName(), mesh_, IOobject::NO_READ, IOobject::NO_WRITE, false);
@@ -70,7 +70,7 @@ void Foam::m4gnSettling::write(
     }
 }
 
-Foam::m4gnSettling::m4gnSettling(
+Foam::m4gnRelaxation::m4gnRelaxation(
     const fvMesh& mesh, const dictionary& dict, const scalar stride, const bool atPoints)
     : mesh_(mesh), atPoints_(atPoints), time_(timeOf(dict, (atPoints ? 0.25 : 0.5) * stride)),
       tolerance_(
@@ -78,28 +78,28 @@ Foam::m4gnSettling::m4gnSettling(
               // Newton's last iteration leaves far less than its change
               "tolerance", atPoints ? 1e-2 : 1e-5)
                     : 0),
-      settledAt_(-VGREAT), lastTime_(-VGREAT), said_(false)
+      relaxedAt_(-VGREAT), lastTime_(-VGREAT), warning_(false)
 {
     if (active()) {
         predictedD_ = read("surrogateD");
         if (returnReduce(predictedD_.size(), sumOp<label>())) {
-            settledAt_ = lastTime_ = mesh.time().value();
+            relaxedAt_ = lastTime_ = mesh.time().value();
             predictedRate_ = read("surrogateRate");
             predictedAcceleration_ = read("surrogateAcceleration");
-            lastAcceleration_ = read("settledAcceleration");
+            lastAcceleration_ = read("relaxedAcceleration");
         }
     }
 }
 
-Foam::autoPtr<Foam::m4gnSettling> Foam::m4gnSettling::New(
+Foam::autoPtr<Foam::m4gnRelaxation> Foam::m4gnRelaxation::New(
     const fvMesh& mesh, const dictionary& dict, const scalar stride, const bool atPoints,
     const autoPtr<m4gnSolidLaw>& law, const bool dynamic)
 {
-    if (law && law->settles() && dynamic) {
-        return autoPtr<m4gnSettling>(new m4gnSettling(mesh, dict, stride, atPoints));
+    if (law && law->relaxes() && dynamic) {
+        return autoPtr<m4gnRelaxation>(new m4gnRelaxation(mesh, dict, stride, atPoints));
     }
     if (law && dict.isDict(entryName)) {
-        FatalIOErrorInFunction(dict) << "Entry settling is for dynamic cases of solids4foam's models, at"
+        FatalIOErrorInFunction(dict) << "Entry relaxation is for dynamic cases of solids4foam's models, at"
                                      << " cells without a pressure equation (solvePressureEqn), at points"
                                      << " with solutionAlgorithm implicitCoupled; this one is "
                                      << m4gn::solidModel(mesh) << (dynamic ? "" : ", quasi-static") << nl
@@ -109,14 +109,14 @@ Foam::autoPtr<Foam::m4gnSettling> Foam::m4gnSettling::New(
     return nullptr;
 }
 
-void Foam::m4gnSettling::checkDictionary(const dictionary& dict) { timeOf(dict, 1); }
+void Foam::m4gnRelaxation::checkDictionary(const dictionary& dict) { timeOf(dict, 1); }
 
-bool Foam::m4gnSettling::settled() const { return settledAt_ == mesh_.time().value(); }
+bool Foam::m4gnRelaxation::relaxed() const { return relaxedAt_ == mesh_.time().value(); }
 
-bool Foam::m4gnSettling::settle(
+bool Foam::m4gnRelaxation::relax(
     m4gnSolidLaw& law, vectorField& D, vectorField& rate, vectorField* acceleration, const scalar deltaT)
 {
-    if (settled()) {
+    if (relaxed()) {
         return true;
     }
 
@@ -131,57 +131,57 @@ bool Foam::m4gnSettling::settle(
         if (i) {
             free -= D - predicted;
         }
-        done = law.settle(free, time_, tolerance_);
+        done = law.relax(free, time_, tolerance_);
     }
     if (!done) {
         D = predicted;
         if (!atPoints_) {
             lastD_.clear();
         }
-        if (!said_) {
-            said_ = true;
-            WarningInFunction << "The displacement of the surrogate could not be settled at"
+        if (!warning_) {
+            warning_ = true;
+            WarningInFunction << "The displacement of the surrogate could not be relaxed at"
                               << " time " << mesh_.time().timeName() << ": such states are"
                               << " handed over as predicted" << nl
-                              << "    Give it another time, or a larger tolerance (settling"
-                              << " { time ...; tolerance ...; }), or have settling none;" << endl;
+                              << "    Give it another time, or a larger tolerance (relaxation"
+                              << " { time ...; tolerance ...; }), or have relaxation none;" << endl;
         }
         return false;
     }
 
     const scalar now = mesh_.time().value();
-    settledAt_ = now;
+    relaxedAt_ = now;
     predictedD_ = predicted;
     predictedRate_ = rate;
-    const vectorField settledAcceleration((D - free) / sqr(time_));
+    const vectorField relaxedAcceleration((D - free) / sqr(time_));
     if (acceleration) {
         predictedAcceleration_ = *acceleration;
-        *acceleration = settledAcceleration;
+        *acceleration = relaxedAcceleration;
     }
 
     // Newmark's scheme, which solvers at points have, damps nothing: fast modes
     // swing on between the two states, whose difference does not know them
     if (!atPoints_ && lastD_.size()) {
         const scalar between = now - lastTime_;
-        rate = (D - lastD_) / between + between * (settledAcceleration / 3 + lastAcceleration_ / 6)
-               - 0.5 * deltaT * settledAcceleration;
+        rate = (D - lastD_) / between + between * (relaxedAcceleration / 3 + lastAcceleration_ / 6)
+               - 0.5 * deltaT * relaxedAcceleration;
     }
 
     lastD_ = D;
-    lastAcceleration_ = settledAcceleration;
+    lastAcceleration_ = relaxedAcceleration;
     lastTime_ = now;
 
     return true;
 }
 
-bool Foam::m4gnSettling::restore(vectorField& D, vectorField& rate, vectorField* acceleration)
+bool Foam::m4gnRelaxation::restore(vectorField& D, vectorField& rate, vectorField* acceleration)
 {
     // Of a run that is carried on, and, to begin Newton's iterations with, of
     // the solver
-    if (!lastD_.size() && (atPoints_ || settled())) {
+    if (!lastD_.size() && (atPoints_ || relaxed())) {
         lastD_ = D;
     }
-    if (!settled()) {
+    if (!relaxed()) {
         return false;
     }
 
@@ -190,20 +190,20 @@ bool Foam::m4gnSettling::restore(vectorField& D, vectorField& rate, vectorField*
     if (acceleration) {
         *acceleration = predictedAcceleration_;
     }
-    settledAt_ = -VGREAT;
+    relaxedAt_ = -VGREAT;
 
     return true;
 }
 
-void Foam::m4gnSettling::end()
+void Foam::m4gnRelaxation::end()
 {
-    settledAt_ = -VGREAT;
+    relaxedAt_ = -VGREAT;
     lastD_.clear();
 }
 
-void Foam::m4gnSettling::write() const
+void Foam::m4gnRelaxation::write() const
 {
-    if (!settled()) {
+    if (!relaxed()) {
         return;
     }
 
@@ -212,5 +212,5 @@ void Foam::m4gnSettling::write() const
     if (predictedAcceleration_.size()) {
         write("surrogateAcceleration", dimAcceleration, predictedAcceleration_);
     }
-    write("settledAcceleration", dimAcceleration, lastAcceleration_);
+    write("relaxedAcceleration", dimAcceleration, lastAcceleration_);
 }
