@@ -6,8 +6,11 @@
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
 #include "m4gnSegmentField.H"
-#include "m4gnSegmentGraph.H"
 #include "m4gnSegmentation.H"
+#include "m4gnVersion.H"
+#include "PstreamReduceOps.H"
+#include "emptyPolyPatch.H"
+#include "syncTools.H"
 
 namespace Foam
 {
@@ -17,6 +20,57 @@ addToRunTimeSelectionTable(decompositionMethod, m4gnDecomp, dictionary);
 addToRunTimeSelectionTable(decompositionMethod, m4gnDecomp, dictionaryRegion);
 #endif
 }
+
+namespace Foam
+{
+//- The graph of the segments over all ranks: the work of each, which is its
+//  nodes where there are no weights, and the faces from one to another.
+//  Collective.
+static void segmentGraph(
+    const polyMesh& mesh, const labelList& segments, const scalarField& cellWeights, scalarList& sizes,
+    scalarList& adjacency)
+{
+    // Segments of the cells on the other side, by face - nInternalFaces
+    labelList across;
+    syncTools::swapBoundaryCellList(mesh, segments, across);
+
+    const label n = returnReduce(segments.empty() ? label(-1) : max(segments), maxOp<label>()) + 1;
+    const bool weighted = returnReduce(cellWeights.size() > 0, orOp<bool>());
+
+    sizes = scalarList(n, Zero);
+    adjacency = scalarList(n * n, Zero);
+
+    forAll(segments, celli) {
+        sizes[segments[celli]] += weighted ? cellWeights[celli] : scalar(1);
+    }
+
+    for (label facei = 0; facei < mesh.nInternalFaces(); ++facei) {
+        const label own = segments[mesh.faceOwner()[facei]];
+        const label nei = segments[mesh.faceNeighbour()[facei]];
+        adjacency[own * n + nei] += 1;
+        adjacency[nei * n + own] += 1;
+    }
+
+    for (const polyPatch& pp : mesh.boundaryMesh()) {
+        forAll(pp, i) {
+            const label own = segments[pp.faceCells()[i]];
+            if (pp.coupled()) {
+                const label nei = across[pp.start() + i - mesh.nInternalFaces()];
+                adjacency[own * n + nei] += 1;
+            } else if (!weighted && !isA<emptyPolyPatch>(pp)) {
+                // A boundary face is a node too
+                sizes[own] += 1;
+            }
+        }
+    }
+
+    Pstream::listCombineGather(sizes, plusEqOp<scalar>());
+    m4gn::broadcast(sizes);
+    Pstream::listCombineGather(adjacency, plusEqOp<scalar>());
+    m4gn::broadcast(adjacency);
+}
+
+} // End namespace Foam
 
 void Foam::m4gnDecomp::read()
 {
@@ -60,9 +114,12 @@ const Foam::fvMesh& Foam::m4gnDecomp::volumeMesh(const polyMesh& mesh) const
     return *fv;
 }
 
-Foam::labelList Foam::m4gnDecomp::distribute(const labelList& segments, const m4gnSegmentGraph& graph) const
+Foam::labelList Foam::m4gnDecomp::distribute(
+    const polyMesh& mesh, const labelList& segments, const scalarField& cellWeights) const
 {
-    const label nSegments = graph.sizes().size();
+    scalarList sizes, adjacency;
+    segmentGraph(mesh, segments, cellWeights, sizes, adjacency);
+    const label nSegments = sizes.size();
 
     if (nSegments < nDomains_) {
         FatalErrorInFunction << "Method " << type() << ": " << nSegments << " segments for " << nDomains_
@@ -76,7 +133,7 @@ Foam::labelList Foam::m4gnDecomp::distribute(const labelList& segments, const m4
     m4gn_rank_report report;
     m4gn::check(
         m4gn_segment_ranks(
-            nSegments, graph.sizes().data(), graph.adjacency().data(), nDomains_,
+            nSegments, sizes.cdata(), adjacency.cdata(), nDomains_,
             weights_.empty() ? nullptr : weights_.data(), ranks.data(), &report),
         "Method m4gn cannot give the segments to ranks");
 
@@ -120,7 +177,7 @@ Foam::labelList Foam::m4gnDecomp::decompose(
     const m4gnSegmentation segmentation(volumeMesh(mesh), segmentEntries(), false);
     const labelList segments(segmentation.cells());
 
-    const labelList decomposition(distribute(segments, m4gnSegmentGraph(mesh, segments, pointWeights)));
+    const labelList decomposition(distribute(mesh, segments, pointWeights));
 
     segmentation.store(mesh.time().timeName());
 
