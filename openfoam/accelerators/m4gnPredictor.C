@@ -3,7 +3,6 @@
 #include "m4gnPredictor.H"
 #include "addToRunTimeSelectionTable.H"
 #include "m4gnDictionary.H"
-#include "m4gnExtrapolate.H"
 #include "m4gnActiveSurrogate.H"
 #include "m4gnCaseChecks.H"
 #include "m4gnVersion.H"
@@ -104,8 +103,14 @@ Foam::tmp<Foam::vectorField> Foam::functionObjects::m4gnPredictor::guess() const
         return deltaT * rate;
     }
 
-    return m4gn::parabola<vector>(
-        deltaT, deltaT_, rate, (old_ - oldOld_) / deltaTOld_, -(deltaT_ + deltaTOld_));
+    return parabola(deltaT, deltaT_, deltaTOld_, rate, (old_ - oldOld_) / deltaTOld_);
+}
+
+Foam::tmp<Foam::vectorField> Foam::functionObjects::m4gnPredictor::parabola(
+    const scalar deltaT, const scalar deltaT0, const scalar deltaT00, const vectorField& rate,
+    const vectorField& before)
+{
+    return deltaT * (rate + ((deltaT + deltaT0) / (deltaT0 + deltaT00)) * (rate - before));
 }
 
 Foam::functionObjects::m4gnPredictor::m4gnPredictor(

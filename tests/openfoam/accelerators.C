@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "testing.H"
-#include "m4gnExtrapolate.H"
+#include "m4gnPredictor.H"
 
 // t^2 at 1, 2 and 4: the change from 4 to 7 is 33
 TEST(aParabolaIsExtrapolatedExactly)
 {
-    const scalarField rate(1, (16.0 - 4) / 2), before(1, (4.0 - 1) / 1);
-    const tmp<scalarField> change(m4gn::parabola<scalar>(3, 2, rate, before, -(2.0 + 1)));
-    EXPECT_NEAR(change()[0], 33, 1e-12);
+    const vectorField rate(1, vector(0, (16.0 - 4) / 2, 0)), before(1, vector(0, (4.0 - 1) / 1, 0));
+    const tmp<vectorField> change(functionObjects::m4gnPredictor::parabola(3, 2, 1, rate, before));
+    EXPECT_NEAR(change()[0].y(), 33, 1e-12);
 }
