@@ -156,8 +156,8 @@ void Foam::m4gn::checkDictionaries(const dictionary& dict, const wordList& keys)
 
 bool Foam::m4gn::isNone(const dictionary& dict, const word& key, const std::string& example)
 {
-    const entry* given = dict.findEntry(key);
-    if (!given || given->isDict()) {
+    const entry* e = dict.findEntry(key);
+    if (!e || e->isDict()) {
         return false;
     }
 

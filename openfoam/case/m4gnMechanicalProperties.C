@@ -48,7 +48,7 @@ static scalar largestTraction(const volVectorField& D)
         IStringStream stream(written.str());
         const dictionary entries(stream);
 
-        const auto given = [&](const word& key) {
+        const auto isField = [&](const word& key) {
             const entry* e = entries.findEntry(key);
 
             return e && e->isStream() && e->stream().size() && e->stream().first().isWord()
@@ -57,10 +57,10 @@ static scalar largestTraction(const volVectorField& D)
         };
 
         vectorField traction(patch.size(), Zero);
-        if (given("traction")) {
+        if (isField("traction")) {
             traction += vectorField("traction", entries, patch.size());
         }
-        if (given("pressure")) {
+        if (isField("pressure")) {
             traction -= scalarField("pressure", entries, patch.size()) * patch.patch().nf();
         }
 

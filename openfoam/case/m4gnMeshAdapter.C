@@ -226,7 +226,7 @@ void Foam::m4gnMeshAdapter::setCoupled(const surfaceScalarField& deltaCoeffs)
     publishCoupled();
 }
 
-Foam::m4gnMeshAdapter::m4gnMeshAdapter(const fvMesh& mesh, const labelList& nodeTypes) : m4gnFieldNodes(mesh)
+Foam::m4gnMeshAdapter::m4gnMeshAdapter(const fvMesh& mesh, const labelList& nodeTypes) : m4gnNodes(mesh)
 {
     checkPatches();
     checkCells();
@@ -279,8 +279,8 @@ template <class Type> bool Foam::m4gnMeshAdapter::gatherOf(const word& name, val
     describe(field->dimensions(), boundary, to);
 
     if (owned) {
-        to.kept = flat(field->primitiveField());
-        to.cells = to.kept.cdata();
+        to.copy = flat(field->primitiveField());
+        to.cells = to.copy.cdata();
     } else {
         to.cells = reinterpret_cast<const scalar*>(field->primitiveField().cdata());
     }
@@ -299,8 +299,12 @@ template <class Type> void Foam::m4gnMeshAdapter::imposeOf(const word& name, con
     std::copy(of, of + imposed.size(), imposed.begin());
 }
 
-// For whoever instantiates Foam::m4gnFieldNodes
-template bool Foam::m4gnMeshAdapter::gatherOf<Foam::scalar>(const word&, values&) const;
-template bool Foam::m4gnMeshAdapter::gatherOf<Foam::vector>(const word&, values&) const;
-template void Foam::m4gnMeshAdapter::imposeOf<Foam::scalar>(const word&, const scalarField&) const;
-template void Foam::m4gnMeshAdapter::imposeOf<Foam::vector>(const word&, const scalarField&) const;
+bool Foam::m4gnMeshAdapter::gather(const word& name, values& to) const
+{
+    return gatherOf<scalar>(name, to) || gatherOf<vector>(name, to);
+}
+
+void Foam::m4gnMeshAdapter::impose(const word& name, const label components, const scalarField& nodes) const
+{
+    components == 1 ? imposeOf<scalar>(name, nodes) : imposeOf<vector>(name, nodes);
+}

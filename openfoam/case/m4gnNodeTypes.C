@@ -164,8 +164,8 @@ Foam::m4gnNodeTypes::m4gnNodeTypes(
     const word& displacementName)
     : types_(mesh.boundary().size(), -1), why_(mesh.boundary().size())
 {
-    const dictionary given(dict.subOrEmptyDict("nodeTypes"));
-    wordHashSet unused(given.toc());
+    const dictionary entries(dict.subOrEmptyDict("nodeTypes"));
+    wordHashSet unused(entries.toc());
 
     autoPtr<volVectorField> storedU;
     autoPtr<volScalarField> storedP;
@@ -204,12 +204,12 @@ Foam::m4gnNodeTypes::m4gnNodeTypes(
         label& type = types_[patchi];
 
         for (const word& key : keys) {
-            const entry* e = given.findEntry(key, keyType::REGEX);
+            const entry* e = entries.findEntry(key, keyType::REGEX);
 
             if (e) {
                 unused.erase(e->keyword());
 
-                const word value(given.get<word>(key));
+                const word value(entries.get<word>(key));
 
                 if (!names.found(value)) {
                     FatalErrorInFunction

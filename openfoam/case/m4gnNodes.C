@@ -114,6 +114,18 @@ Foam::m4gnNodes::m4gnNodes(const fvMesh& mesh) : mesh_(mesh), data_()
     data_.patch_names = patchNamePtrs_.data();
 }
 
+bool Foam::m4gnNodes::registered(const word& name) const
+{
+    return atPoints() ? mesh_.foundObject<pointScalarField>(name) || mesh_.foundObject<pointVectorField>(name)
+                      : mesh_.foundObject<volScalarField>(name) || mesh_.foundObject<volVectorField>(name);
+}
+
+Foam::string Foam::m4gnNodes::fieldTypes() const
+{
+    return atPoints() ? pointScalarField::typeName + " or " + pointVectorField::typeName
+                      : volScalarField::typeName + " or " + volVectorField::typeName;
+}
+
 Foam::string Foam::m4gnNodes::registered() const
 {
     wordList cells(mesh_.sortedNames<volScalarField>());

@@ -274,8 +274,7 @@ void Foam::m4gnPointAdapter::setBoundary(const labelList& nodeTypes)
     publishBoundary();
 }
 
-Foam::m4gnPointAdapter::m4gnPointAdapter(const fvMesh& mesh, const labelList& nodeTypes)
-    : m4gnFieldNodes(mesh)
+Foam::m4gnPointAdapter::m4gnPointAdapter(const fvMesh& mesh, const labelList& nodeTypes) : m4gnNodes(mesh)
 {
     checkMesh();
     setPoints();
@@ -294,8 +293,8 @@ template <class Type> bool Foam::m4gnPointAdapter::gatherOf(const word& name, va
 
     const Field<Type>& all = field->primitiveField();
     describe(field->dimensions(), Field<Type>(all, boundaryPoints_), to);
-    to.kept = flat(Field<Type>(all, points_));
-    to.cells = to.kept.cdata();
+    to.copy = flat(Field<Type>(all, points_));
+    to.cells = to.copy.cdata();
 
     return true;
 }
@@ -319,8 +318,12 @@ template <class Type> void Foam::m4gnPointAdapter::imposeOf(const word& name, co
     field.correctBoundaryConditions();
 }
 
-// For whoever instantiates Foam::m4gnFieldNodes
-template bool Foam::m4gnPointAdapter::gatherOf<Foam::scalar>(const word&, values&) const;
-template bool Foam::m4gnPointAdapter::gatherOf<Foam::vector>(const word&, values&) const;
-template void Foam::m4gnPointAdapter::imposeOf<Foam::scalar>(const word&, const scalarField&) const;
-template void Foam::m4gnPointAdapter::imposeOf<Foam::vector>(const word&, const scalarField&) const;
+bool Foam::m4gnPointAdapter::gather(const word& name, values& to) const
+{
+    return gatherOf<scalar>(name, to) || gatherOf<vector>(name, to);
+}
+
+void Foam::m4gnPointAdapter::impose(const word& name, const label components, const scalarField& nodes) const
+{
+    components == 1 ? imposeOf<scalar>(name, nodes) : imposeOf<vector>(name, nodes);
+}

@@ -107,7 +107,7 @@ template <class Type> void Foam::m4gnPrescribed::say(const label i, const scalar
     }
     const fieldType& field = mesh_.lookupObject<fieldType>(found_[i].first());
     const fvPatchField<Type>& patch = field.boundaryField()[found_[i].second()];
-    Field<Type> said(patch);
+    Field<Type> faceValues(patch);
 
     if (later > 0) {
         Time& time = const_cast<Time&>(mesh_.time());
@@ -115,12 +115,12 @@ template <class Type> void Foam::m4gnPrescribed::say(const label i, const scalar
         time.setTime(now + later, time.timeIndex());
         tmp<fvPatchField<Type>> copy(patch.clone(patch.internalField()));
         copy.ref().evaluate();
-        said = copy();
+        faceValues = copy();
         time.setTime(now, time.timeIndex());
     }
 
-    const auto* from = reinterpret_cast<const scalar*>(said.cdata());
-    values_[i].resize(said.size() * pTraits<Type>::nComponents);
+    const auto* from = reinterpret_cast<const scalar*>(faceValues.cdata());
+    values_[i].resize(faceValues.size() * pTraits<Type>::nComponents);
     std::copy(from, from + values_[i].size(), values_[i].begin());
 }
 

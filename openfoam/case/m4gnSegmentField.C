@@ -183,10 +183,10 @@ void Foam::m4gn::writeLabels(
 }
 
 bool Foam::m4gn::writeSegments(
-    const fvMesh& mesh, const UList<int32_t>& segments, const std::string& record, const word& given)
+    const fvMesh& mesh, const UList<int32_t>& segments, const std::string& record, const word& folder)
 {
     const Time& time = mesh.time();
-    const word instance(given.empty() ? Time::timeName(time.startTime().value()) : given);
+    const word instance(folder.empty() ? Time::timeName(time.startTime().value()) : folder);
     const fileNameList folders(segmentFolders(mesh, instance));
 
     // Somebody's own segments are not ours to replace
