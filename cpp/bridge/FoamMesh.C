@@ -44,9 +44,9 @@ void m4gn::FoamCase::set_node_types(const rust::Vec<rust::String>& keys, const r
     if (!dict.found("nodeTypes")) {
         dict.add("nodeTypes", Foam::dictionary());
     }
-    Foam::dictionary& given = dict.subDict("nodeTypes");
+    Foam::dictionary& nodeTypes = dict.subDict("nodeTypes");
     for (std::size_t i = 0; i < keys.size(); ++i) {
-        given.set(word_of(keys[i]), word_of(types[i]));
+        nodeTypes.set(word_of(keys[i]), word_of(types[i]));
     }
 
     // What fixes its value where is read from the start time's U and p, as a run registers them.

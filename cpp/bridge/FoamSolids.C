@@ -12,7 +12,7 @@ namespace
 {
 enum answer
 {
-    given = 0,
+    present = 0,
     missing = 1,
     stale = 2,
     kinematic = 3,
@@ -114,7 +114,7 @@ rust::Vec<double> m4gn::FoamCase::reaction(rust::Str patch, std::size_t time)
             sum += (J * Foam::inv(F[face]).T() & area[face]) & stress[face];
         }
     }
-    result.push_back(given);
+    result.push_back(present);
     for (Foam::direction d = 0; d < 3; ++d) {
         result.push_back(sum[d]);
     }

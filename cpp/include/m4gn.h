@@ -355,10 +355,10 @@ enum
 /* Where the host is. */
 typedef struct m4gn_ride_step
 {
-    double time;     /* s */
-    double delta_t;  /* of the solver, s; not read within a jump */
-    double end_time; /* of the run, s; HUGE_VAL: none */
-    double shown;    /* the time as tables have it */
+    double time;        /* s */
+    double delta_t;     /* of the solver, s; not read within a jump */
+    double end_time;    /* of the run, s; HUGE_VAL: none */
+    double output_time; /* the time as tables have it */
     /* Number of the solver's time step, in which a stride counts as the steps that it stands for */
     int64_t index;
     const char* name;        /* of the time, in messages; NULL: its value */

@@ -379,7 +379,7 @@ public:
     Ride(int32_t comm, Host host, const std::string& options, const m4gn_ride_step& start)
         : host_(new Host(std::move(host))), ride_(detail::made<m4gn_ride>([&](m4gn_ride** made) {
               const auto& arrays = host_->state.arrays();
-              const m4gn_host given{
+              const m4gn_host plain{
                   host_->session ? host_->session->get() : nullptr,
                   host_->own,
                   host_->mesh,
@@ -387,7 +387,7 @@ public:
                   static_cast<int32_t>(arrays.size()),
                   host_->ahead ? &Ride::ahead : nullptr,
                   host_.get()};
-              return m4gn_ride_new(comm, &given, options.c_str(), &start, made);
+              return m4gn_ride_new(comm, &plain, options.c_str(), &start, made);
           }))
     {}
 

@@ -84,7 +84,7 @@ void Foam::functionObjects::m4gnRecorder::open()
 
     // A run that was killed has left its recording beside the final name
     const bool killed = isFile(path_.path() / ('.' + path_.name() + ".partial"), false);
-    const fileName kept(nameOfKilled(path_));
+    const fileName remains(nameOfKilled(path_));
 
     const std::string settings(options(dict_, path_));
 
@@ -99,8 +99,8 @@ void Foam::functionObjects::m4gnRecorder::open()
         "m4gnRecorder cannot record");
     if (Pstream::master() && killed) {
         WarningInFunction << "An earlier recording of " << path_ << " was killed: "
-                          << (isFile(kept, false) ? "its whole frames are kept in " + kept
-                                                  : fileName("it had no whole frame, and nothing is kept"))
+                          << (isFile(remains, false) ? "its whole frames are kept in " + remains
+                                                     : fileName("it had no whole frame, and nothing is kept"))
                           << endl;
     }
     nodes_->clearModes();

@@ -55,7 +55,7 @@ m4gn_ride_step Foam::m4gnHybridRun::now(const label correctors) const
     step.time = time.value();
     step.delta_t = time.deltaTValue();
     step.end_time = time.endTime().value();
-    step.shown = time.timeOutputValue();
+    step.output_time = time.timeOutputValue();
     step.index = time.timeIndex();
     step.name = timeName_.c_str();
     step.correctors = correctors;

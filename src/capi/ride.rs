@@ -25,7 +25,7 @@ pub struct RideStep {
     pub time: f64,
     pub delta_t: f64,
     pub end_time: f64,
-    pub shown: f64,
+    pub output_time: f64,
     pub index: i64,
     pub name: *const c_char,
     pub correctors: i32,
@@ -172,7 +172,7 @@ unsafe fn step(given: *const RideStep) -> Result<(Step, String)> {
         end_time: given.end_time,
         index: given.index,
         name: name.map_or_else(|| given.time.to_string(), String::from),
-        shown: given.shown,
+        shown: given.output_time,
         correctors: correctors.map(|(made, most)| [made, most]),
     };
     let same = format!("time {:?} {:?} {:?} {}", step.time, step.delta_t, step.end_time, step.index);

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <initializer_list>
 #include <string>
 #include <vector>
 
@@ -205,12 +206,21 @@ constexpr double dt = 0.002;
 inline m4gn_ride_step at(int64_t index)
 {
     m4gn_ride_step step{};
-    step.time = step.shown = dt * static_cast<double>(index);
+    step.time = step.output_time = dt * static_cast<double>(index);
     step.delta_t = dt;
     step.end_time = HUGE_VAL;
     step.index = index;
     step.correctors = step.most_correctors = -1;
     return step;
+}
+
+inline bool contains(const std::string& text, const std::string& part)
+{
+    if (text.find(part) == std::string::npos) {
+        std::fprintf(stderr, "\"%s\" is not in \"%s\"\n", part.c_str(), text.c_str());
+        return false;
+    }
+    return true;
 }
 
 // Runs an action that must throw; returns its status, and its message in `message`.
@@ -226,13 +236,17 @@ template <class Action> int32_t failure(std::string& message, const Action& acti
     return M4GN_OK;
 }
 
-inline bool contains(const std::string& text, const std::string& part)
+// Whether an action throws this status, with all of these in its message.
+using Texts = std::initializer_list<const char*>;
+
+template <class Action> bool fails(int32_t status, Texts texts, const Action& action)
 {
-    if (text.find(part) == std::string::npos) {
-        std::fprintf(stderr, "\"%s\" is not in \"%s\"\n", part.c_str(), text.c_str());
-        return false;
+    std::string message;
+    bool all = failure(message, action) == status;
+    for (const char* text : texts) {
+        all = all && contains(message, text);
     }
-    return true;
+    return all;
 }
 
 #endif

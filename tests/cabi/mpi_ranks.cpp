@@ -241,7 +241,7 @@ void wrongStates(int rank, int size, int32_t comm)
     }
 
     m4gn::Ride made = ride(good);
-    now.time = now.shown = now.delta_t;
+    now.time = now.output_time = now.delta_t;
     now.index = 1;
     m4gn_ride_answer answer{};
     std::vector<const double*> values{

@@ -184,8 +184,8 @@ void refuses()
         nullptr,
         nullptr};
     const char* usual = R"({"mode": "observe"})";
-    const auto refused = [&](const m4gn_host& given, const char* options) {
-        return m4gn_ride_new(M4GN_NO_MPI, &given, options, &start, &none) == M4GN_ERROR_INPUT && !none;
+    const auto refused = [&](const m4gn_host& changed, const char* options) {
+        return m4gn_ride_new(M4GN_NO_MPI, &changed, options, &start, &none) == M4GN_ERROR_INPUT && !none;
     };
     for (const char* options :
          {"", "{}", R"({"mode": "ride"})",
@@ -196,22 +196,22 @@ void refuses()
     // What the settings name is there, and nothing else.
     REQUIRE(refused(good, R"({"mode": "observe", "surrogates": ["dmd"]})"));
     REQUIRE(contains(m4gn_last_error(), "do not name network"));
-    m4gn_host given = good;
-    given.session = nullptr;
-    REQUIRE(refused(given, usual));
-    given = good;
+    m4gn_host changed = good;
+    changed.session = nullptr;
+    REQUIRE(refused(changed, usual));
+    changed = good;
     const m4gn_surrogate own{};
-    given.own = &own;
-    REQUIRE(refused(given, usual) && contains(m4gn_last_error(), "both"));
-    given = good;
-    given.mesh = nullptr;
-    REQUIRE(refused(given, usual) && contains(m4gn_last_error(), "mesh"));
-    given = good;
-    given.n_arrays = -1;
-    REQUIRE(refused(given, usual) && contains(m4gn_last_error(), "n_arrays"));
-    given = good;
-    given.arrays = nullptr;
-    REQUIRE(refused(given, usual) && contains(m4gn_last_error(), "arrays"));
+    changed.own = &own;
+    REQUIRE(refused(changed, usual) && contains(m4gn_last_error(), "both"));
+    changed = good;
+    changed.mesh = nullptr;
+    REQUIRE(refused(changed, usual) && contains(m4gn_last_error(), "mesh"));
+    changed = good;
+    changed.n_arrays = -1;
+    REQUIRE(refused(changed, usual) && contains(m4gn_last_error(), "n_arrays"));
+    changed = good;
+    changed.arrays = nullptr;
+    REQUIRE(refused(changed, usual) && contains(m4gn_last_error(), "arrays"));
     REQUIRE(m4gn_ride_new(M4GN_NO_MPI, nullptr, usual, &start, &none) == M4GN_ERROR_INPUT);
     REQUIRE(m4gn_ride_new(M4GN_NO_MPI, &good, usual, nullptr, &none) == M4GN_ERROR_INPUT);
     REQUIRE(m4gn_ride_new(M4GN_NO_MPI, &good, usual, &start, nullptr) == M4GN_ERROR_INPUT);
@@ -251,10 +251,10 @@ void refuses()
     REQUIRE(
         m4gn_ride_solved(ride, &fifth, values.data(), &answer) == M4GN_ERROR_INPUT
         && contains(m4gn_last_error(), "p"));
-    const double kept = host.fields.p[2];
+    const double pressure = host.fields.p[2];
     host.fields.p[2] = NAN;
     REQUIRE(m4gn_ride_solved(ride, &fifth, state, &answer) == M4GN_ERROR_NUMERICAL);
-    host.fields.p[2] = kept;
+    host.fields.p[2] = pressure;
     REQUIRE(m4gn_ride_solved(ride, &fifth, state, nullptr) == M4GN_ERROR_INPUT);
     m4gn::check(m4gn_ride_solved(ride, &fifth, state, &answer));
     REQUIRE(answer.action == M4GN_RIDE_STRIDE);
