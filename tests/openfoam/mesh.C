@@ -13,7 +13,6 @@ using testing::dict;
 namespace
 {
 const wordList allPatches(6, "patch");
-const wordList twoDimensional({"patch", "patch", "wall", "wall", "empty", "empty"});
 
 //- A registered field with these conditions at left, right, bottom and top
 template <class Type>
@@ -29,10 +28,27 @@ autoPtr<GeometricField<Type, fvPatchField, volMesh>> field(
         IOobject(name, mesh.time().timeName(), mesh), mesh, dimensioned<Type>(dimless, Zero), types));
 }
 
-word typeOf(const m4gnNodeTypes& types, const label patchi)
+//- The node types of the patches that carry values
+std::string types(const fvMesh& mesh, const dictionary& entries = dictionary())
 {
-    return types.types()[patchi] < 0 ? "none" : m4gnNodeTypes::names[types.types()[patchi]];
+    std::string all;
+    const m4gnNodeTypes found(mesh, entries);
+    for (const label type : found.types()) {
+        all += type < 0 ? "" : m4gnNodeTypes::names[type] + ' ';
+    }
+    return all;
 }
+
+//- Four squares of 1 m between patches of these types, in two dimensions
+struct squares
+{
+    caseFolder run;
+    const autoPtr<fvMesh> mesh;
+
+    explicit squares(const wordList& sides = {"patch", "patch", "wall", "wall"})
+        : mesh(run.block({2, 2, 1}, {2, 2, 1}, {sides[0], sides[1], sides[2], sides[3], "empty", "empty"}))
+    {}
+};
 } // End anonymous namespace
 
 TEST(cellsOfABlock)
@@ -58,7 +74,8 @@ TEST(cellsOfABlock)
 TEST(emptyPatchesHaveNoNodes)
 {
     caseFolder run;
-    const autoPtr<fvMesh> mesh(run.block({3, 2, 1}, {3, 2, 1}, twoDimensional));
+    const autoPtr<fvMesh> mesh(
+        run.block({3, 2, 1}, {3, 2, 1}, {"patch", "patch", "wall", "wall", "empty", "empty"}));
     const m4gnMeshAdapter nodes(*mesh, labelList(6, M4GN_WALL));
     const m4gn_mesh_data& data = nodes.data();
 
@@ -133,86 +150,58 @@ TEST(pointsOfABlock)
 
 TEST(walls)
 {
-    caseFolder run;
-    const autoPtr<fvMesh> mesh(run.block({2, 2, 1}, {2, 2, 1}, twoDimensional));
-    auto U = field<vector>(*mesh, "U", {"fixedValue", "zeroGradient", "fixedValue", "slip"});
+    squares s;
+    auto U = field<vector>(*s.mesh, "U", {"fixedValue", "zeroGradient", "fixedValue", "slip"});
     U->boundaryFieldRef()[0] == vector(1, 0, 0);
-    const auto p = field<scalar>(*mesh, "p", {"zeroGradient", "fixedValue", "zeroGradient", "zeroGradient"});
-    const m4gnNodeTypes types(*mesh, dictionary());
-
-    EXPECT_TEXT(typeOf(types, 0), "inlet");
-    EXPECT_TEXT(typeOf(types, 1), "outlet");
-    EXPECT_TEXT(typeOf(types, 2), "wall");
-    EXPECT_TEXT(typeOf(types, 3), "wall");
-    EXPECT_TEXT(typeOf(types, 4), "none");
+    const auto p =
+        field<scalar>(*s.mesh, "p", {"zeroGradient", "fixedValue", "zeroGradient", "zeroGradient"});
+    EXPECT_TEXT(types(*s.mesh), "inlet outlet wall wall ");
 }
 
 TEST(patchesByTheirConditions)
 {
-    caseFolder run;
-    const autoPtr<fvMesh> mesh(
-        run.block({2, 2, 1}, {2, 2, 1}, {"patch", "patch", "patch", "symmetryPlane", "empty", "empty"}));
-    auto U = field<vector>(*mesh, "U", {"noSlip", "slip", "inletOutlet", "symmetryPlane"});
+    squares s({"patch", "patch", "patch", "symmetryPlane"});
+    auto U = field<vector>(*s.mesh, "U", {"noSlip", "slip", "inletOutlet", "symmetryPlane"});
     const auto p =
-        field<scalar>(*mesh, "p", {"zeroGradient", "zeroGradient", "zeroGradient", "symmetryPlane"});
+        field<scalar>(*s.mesh, "p", {"zeroGradient", "zeroGradient", "zeroGradient", "symmetryPlane"});
 
     // Nothing flows yet
-    EXPECT_TEXT(typeOf(m4gnNodeTypes(*mesh, dictionary()), 0), "wall");
-    EXPECT_TEXT(typeOf(m4gnNodeTypes(*mesh, dictionary()), 1), "symmetry");
-    EXPECT_TEXT(typeOf(m4gnNodeTypes(*mesh, dictionary()), 2), "outlet");
-    EXPECT_TEXT(typeOf(m4gnNodeTypes(*mesh, dictionary()), 3), "symmetry");
-
+    EXPECT_TEXT(types(*s.mesh), "wall symmetry outlet symmetry ");
     // The bottom's normal is -y
     U->boundaryFieldRef()[2] == vector(0, 1, 0);
-    EXPECT_TEXT(typeOf(m4gnNodeTypes(*mesh, dictionary()), 2), "inlet");
+    EXPECT_TEXT(types(*s.mesh), "wall symmetry inlet symmetry ");
     U->boundaryFieldRef()[2] == vector(0, -1, 0);
-    EXPECT_TEXT(typeOf(m4gnNodeTypes(*mesh, dictionary()), 2), "outlet");
+    EXPECT_TEXT(types(*s.mesh), "wall symmetry outlet symmetry ");
 }
 
 // Mesh converters give every patch the type patch
 TEST(aFixedVelocityOfZeroIsAWall)
 {
-    caseFolder run;
-    const autoPtr<fvMesh> mesh(
-        run.block({2, 2, 1}, {2, 2, 1}, {"patch", "patch", "patch", "patch", "empty", "empty"}));
-    auto U = field<vector>(*mesh, "U", {"fixedValue", "zeroGradient", "fixedValue", "uniformFixedValue"});
-    const auto p = field<scalar>(*mesh, "p", {"zeroGradient", "fixedValue", "zeroGradient", "zeroGradient"});
+    squares s({"patch", "patch", "patch", "patch"});
+    auto U = field<vector>(*s.mesh, "U", {"fixedValue", "zeroGradient", "fixedValue", "uniformFixedValue"});
+    const auto p =
+        field<scalar>(*s.mesh, "p", {"zeroGradient", "fixedValue", "zeroGradient", "zeroGradient"});
     U->boundaryFieldRef()[0][1] = vector(1, 0, 0);
-    const m4gnNodeTypes types(*mesh, dictionary());
-
-    EXPECT_TEXT(typeOf(types, 0), "inlet");
-    EXPECT_TEXT(typeOf(types, 2), "wall");
-    // It rests now, but its value is one of time
-    EXPECT_TEXT(typeOf(types, 3), "inlet");
+    // The last one rests now, but its value is one of time
+    EXPECT_TEXT(types(*s.mesh), "inlet outlet wall inlet ");
 }
 
 TEST(aDisplacementMakesASolid)
 {
-    caseFolder run;
-    const autoPtr<fvMesh> mesh(run.block({2, 2, 1}, {2, 2, 1}, twoDimensional));
-    const auto D = field<vector>(*mesh, "D", {"fixedValue", "zeroGradient", "fixedGradient", "fixedValue"});
-    const m4gnNodeTypes types(*mesh, dictionary());
-
-    EXPECT_TEXT(typeOf(types, 0), "handle");
-    EXPECT_TEXT(typeOf(types, 1), "free");
-    EXPECT_TEXT(typeOf(types, 2), "free");
-    EXPECT_TEXT(typeOf(types, 3), "handle");
+    squares s;
+    const auto D = field<vector>(*s.mesh, "D", {"fixedValue", "zeroGradient", "fixedGradient", "fixedValue"});
+    EXPECT_TEXT(types(*s.mesh), "handle free free handle ");
 }
 
 TEST(nodeTypesThatAreGiven)
 {
-    caseFolder run;
-    const autoPtr<fvMesh> mesh(run.block({2, 2, 1}, {2, 2, 1}, twoDimensional));
-
+    squares s;
     // A name goes before a pattern; nothing else tells what left and right are
-    const m4gnNodeTypes types(*mesh, dict("nodeTypes { \".*t\" outlet; left inlet; top obstacle; }"));
-    EXPECT_TEXT(typeOf(types, 0), "inlet");
-    EXPECT_TEXT(typeOf(types, 1), "outlet");
-    EXPECT_TEXT(typeOf(types, 2), "wall");
-    EXPECT_TEXT(typeOf(types, 3), "obstacle");
+    EXPECT_TEXT(
+        types(*s.mesh, dict("nodeTypes { \".*t\" outlet; left inlet; top obstacle; }")),
+        "inlet outlet wall obstacle ");
 
-    EXPECT_REFUSED(m4gnNodeTypes(*mesh, dictionary()), "what is patch left");
-    EXPECT_REFUSED(m4gnNodeTypes(*mesh, dict("nodeTypes { left inlt; right outlet; }")), "the type inlt");
-    EXPECT_REFUSED(
-        m4gnNodeTypes(*mesh, dict("nodeTypes { left inlet; right outlet; lid wall; }")), "fit no patch");
+    EXPECT_REFUSED(types(*s.mesh), "what is patch left");
+    EXPECT_REFUSED(types(*s.mesh, dict("nodeTypes { left inlt; right outlet; }")), "the type inlt");
+    EXPECT_REFUSED(types(*s.mesh, dict("nodeTypes { left inlet; right outlet; lid wall; }")), "fit no patch");
 }
