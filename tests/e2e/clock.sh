@@ -1,6 +1,5 @@
 #!/usr/bin/env bash
 # A clock that is set back during a run changes no duration: those of the totals are not negative.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 cat > clock.c <<'EOD'
 /* The time of day goes back by a day each time that it is asked for. */
@@ -21,10 +20,9 @@ int clock_gettime(clockid_t id, struct timespec* t)
 EOD
 cc -std=c11 -O2 -Wall -Wextra -Werror -shared -fPIC clock.c -o clock.so
 make_case case
-function_object m4gnSurrogate "mode replace; model \"$small_model\"; timeStart 0.02; solverSteps 5; surrogateSteps 2;"
+surrogate "$jump"
 runs env LD_PRELOAD="$work/clock.so" icoFoam
 for figure in setup_seconds surrogate_seconds; do
-    value=$(sed -n "s/.*\"$figure\": *\([^,]*\),*/\1/p" postProcessing/test/0/summary.json)
-    awk "BEGIN { exit !(\"$value\" != \"\" && $value + 0 >= 0 && $value + 0 < 600) }" || fail "$figure: $value"
+    value=$(entry $figure)
+    holds "\"$value\" != \"\" && \"$value\" + 0 >= 0 && \"$value\" + 0 < 600" "$figure:"
 done
-echo "clock: passed"
