@@ -126,7 +126,15 @@ fn torch_save() {
     let good =
         records::state_dict(&[("a.weight", vec![2, 3], vec![0.5; 6]), ("a.bias", vec![2], vec![1.0, 2.0])]);
     fuzz("torch-save", |r| {
-        let bytes = damaged(r, good.clone());
+        let mut files = good.clone();
+        if r.below(8) == 0 {
+            // Tuples, lists and dicts in each other
+            let at = r.below(files[0].1.len());
+            let code = [b"\x85", b"\x87", b"t", b"(", b")", b"}"][r.below(6)];
+            let many = code.repeat(r.below(200_000));
+            files[0].1.splice(at..at, many);
+        }
+        let bytes = damaged(r, files);
         std::fs::write(&path, &bytes).unwrap();
         let _ = m4gn_exchange::weights::read(&path);
         bytes.len()

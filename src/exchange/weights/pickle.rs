@@ -43,7 +43,8 @@ struct Storage {
 enum Value {
     Number(i64),
     Text(Rc<str>),
-    Tuple(Rc<[Value]>),
+    /// With how deep tuples are in it.
+    Tuple(Rc<[Value]>, usize),
     /// Place among the machine's dicts.
     Dict(usize),
     Global(Rc<str>),
@@ -51,6 +52,19 @@ enum Value {
     Tensor(Rc<(Storage, [Vec<usize>; 2], usize)>),
     Mark,
     Other,
+}
+
+/// Most tuples in each other: what is dropped by recursion stays small. A state dict has two.
+const DEEPEST: usize = 32;
+
+fn tuple(values: Vec<Value>) -> std::result::Result<Value, String> {
+    let depth = |v: &Value| if let Value::Tuple(_, depth) = v { *depth } else { 0 };
+    match 1 + values.iter().map(depth).max().unwrap_or(0) {
+        depth if depth > DEEPEST => {
+            Err(format!("more than {DEEPEST} tuples in each other, which no state dict has"))
+        }
+        depth => Ok(Value::Tuple(values.into(), depth)),
+    }
 }
 
 /// What is wrong, and at which byte.
@@ -80,7 +94,7 @@ impl<'a> Machine<'a> {
                     let dict = self.dict();
                     self.stack.push(dict);
                 }
-                b')' => self.stack.push(Value::Tuple([].into())),
+                b')' => self.stack.push(Value::Tuple([].into(), 1)),
                 b'N' | 0x88 | 0x89 | b']' => self.stack.push(Value::Other),
                 b'G' => {
                     self.take(8)?;
@@ -128,12 +142,13 @@ impl<'a> Machine<'a> {
                 }
                 b't' => {
                     let values = self.down_to_mark()?;
-                    self.stack.push(Value::Tuple(values.into()));
+                    self.stack.push(tuple(values).map_err(|what| (start, what))?);
                 }
                 0x85..=0x87 => {
                     let n = usize::from(code - 0x84);
-                    let values = (0..n).map(|_| self.pop()).collect::<Step<Vec<_>>>()?;
-                    self.stack.push(Value::Tuple(values.into_iter().rev().collect()));
+                    let mut values = (0..n).map(|_| self.pop()).collect::<Step<Vec<_>>>()?;
+                    values.reverse();
+                    self.stack.push(tuple(values).map_err(|what| (start, what))?);
                 }
                 b's' | b'u' => {
                     let pairs = match code {
@@ -211,11 +226,11 @@ impl<'a> Machine<'a> {
 
     /// The few things that are called.
     fn call(&mut self, called: &Value, arguments: &Value) -> std::result::Result<Value, String> {
-        let (Value::Global(name), Value::Tuple(arguments)) = (called, arguments) else {
+        let (Value::Global(name), Value::Tuple(arguments, _)) = (called, arguments) else {
             return Err("a call of something that has no name".into());
         };
         let extents = |value: &Value| match value {
-            Value::Tuple(values) => values.iter().map(whole).collect::<Option<Vec<_>>>(),
+            Value::Tuple(values, _) => values.iter().map(whole).collect::<Option<Vec<_>>>(),
             _ => None,
         };
         match (&name[..], &arguments[..]) {
@@ -283,7 +298,7 @@ fn whole(value: &Value) -> Option<usize> {
 
 /// The storage of a persistent id: `('storage', torch.FloatStorage, key, device, count)`.
 fn storage(id: &Value) -> std::result::Result<Value, String> {
-    let Value::Tuple(parts) = id else { return Err("a persistent id that is no tuple".into()) };
+    let Value::Tuple(parts, _) = id else { return Err("a persistent id that is no tuple".into()) };
     let [Value::Text(what), Value::Global(kind), Value::Text(key), ..] = &parts[..] else {
         return Err("a persistent id of another form".into());
     };

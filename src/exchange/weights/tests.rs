@@ -195,3 +195,28 @@ fn what_torch_saves_is_read_and_nothing_of_it_is_run() {
         assert!(message.contains(expected), "{message}");
     }
 }
+
+/// However deep tuples are in each other, the file is read or refused.
+#[test]
+fn tuples_in_each_other_are_refused_beyond_what_weights_need() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("w.pt");
+    let nested = |codes: &[&[u8]]| {
+        let pickle = [&[&b"\x80\x02"[..]], codes, &[b"."]].concat().concat();
+        std::fs::write(&path, records::zip(&[("w/data.pkl".to_string(), pickle)])).unwrap();
+        read(&path).unwrap_err().to_string()
+    };
+    let deep = 1_000_000;
+    for codes in [
+        [&b")"[..], &b"\x85".repeat(deep)],
+        [&b")".repeat(2 * deep), &b"\x86".repeat(deep)],
+        // Marks, and the tuples that they begin
+        [&b"(".repeat(deep), &b"t".repeat(deep)],
+        // Each tuple kept under a number as well
+        [&b")"[..], &b"\x85\x94".repeat(deep)],
+    ] {
+        let message = nested(&codes);
+        assert!(message.contains("more than 32 tuples in each other"), "{message}");
+    }
+    assert!(nested(&[b")", &b"\x85".repeat(20)]).contains("holds no dict"));
+}
