@@ -72,6 +72,24 @@ pub(super) fn flipped(whole: &Path, places: &[(f64, u8)]) -> (TempDir, PathBuf) 
     (dir, path)
 }
 
+/// As it lies there while a program writes it, and after one that was killed.
+#[test]
+fn a_file_that_another_program_has_open_is_not_called_damaged() {
+    let (dir, path) = place();
+    let seen = dir.path().join("b.h5");
+    write(&path, 1);
+    let open =
+        hdf5::FileBuilder::new().with_fapl(|p| p.file_locking(false).libver_v110()).open_rw(&path).unwrap();
+    std::fs::copy(&path, &seen).unwrap();
+    drop(open);
+    let message = Trajectory::open(&seen).unwrap_err().to_string();
+    assert!(
+        message.contains("b.h5: another program has it open to write") && message.contains("h5clear -s"),
+        "{message}"
+    );
+    Trajectory::open(&path).unwrap();
+}
+
 #[test]
 fn every_truncation_is_an_error() {
     let (_dir, path) = written(3);

@@ -24,7 +24,14 @@ pub(super) fn open_file(path: &Path) -> Result<hdf5::File> {
     hdf5::FileBuilder::new()
         .with_fapl(|p| p.file_locking(false).libver_v110())
         .open(path)
-        .map_err(|e| Error::file(path, format!("is truncated or damaged, record it again ({e})")))
+        .map_err(|e| {
+            let why = e.to_string();
+            Error::file(path, match why.contains("already open") {
+                true => "another program has it open to write, or was ended while it had: wait until it has closed it, or take the mark \
+                         off with 'h5clear -s FILE'".to_string(),
+                false => format!("is truncated or damaged, record it again ({why})"),
+            })
+        })
 }
 
 /// The file while it is opened: everything found in it is checked against its length before memory is taken.

@@ -404,10 +404,7 @@ fn check_absent(path: &Path, overwrite: bool) -> Result<()> {
         return Err(Error::file(path, "is a folder; expected the name of a file to write"));
     }
     if !overwrite && path.exists() {
-        return Err(Error::file(
-            path,
-            "exists already; remove it, choose another name, or allow overwriting",
-        ));
+        return Err(Error::file(path, "exists already: remove it, or choose another name"));
     }
     Ok(())
 }
