@@ -94,7 +94,13 @@ fn methods() -> String {
 
 fn entry(text: &str) -> std::result::Result<(String, Value), String> {
     let (name, value) = text.split_once('=').ok_or("expected ENTRY=VALUE")?;
-    Ok((name.into(), serde_json::from_str(value).unwrap_or_else(|_| value.into())))
+    // As in a dictionary
+    let value = match value {
+        "yes" => true.into(),
+        "no" => false.into(),
+        other => serde_json::from_str(other).unwrap_or_else(|_| other.into()),
+    };
+    Ok((name.into(), value))
 }
 
 fn count(text: &str) -> std::result::Result<usize, String> {
