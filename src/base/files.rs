@@ -7,7 +7,7 @@ use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 /// Where a path leads.
-enum Target {
+pub(crate) enum Target {
     /// A plain file, or none yet: replaced as a whole, at the end of symbolic links.
     Plain(PathBuf, Option<Metadata>),
     /// What this process prints to.
@@ -88,7 +88,7 @@ fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     }
 }
 
-fn target(path: &Path) -> io::Result<Target> {
+pub(crate) fn target(path: &Path) -> io::Result<Target> {
     match fs::metadata(path) {
         Ok(found) if found.is_dir() => Err(io::Error::other("it is a folder")),
         Ok(found) if is_standard_output(&found) => Ok(Target::StandardOutput),

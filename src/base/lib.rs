@@ -1,4 +1,4 @@
-//! What every room stands on: the errors of all crates, whole files, settings from text, the loader of the project's own
+//! What every room stands on: the errors of all crates, whole files, locks on what is written for long, settings from text, the loader of the project's own
 //! libraries.
 //!
 //! Nothing here knows meshes or ranks. [`plugin`] loads libraries; [`ffi`] has the floating-point environment and signals.
@@ -6,6 +6,7 @@
 mod error;
 pub mod ffi;
 pub mod files;
+pub mod lock;
 pub mod plugin;
 pub mod settings;
 

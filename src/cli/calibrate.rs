@@ -1,12 +1,12 @@
 //! `m4gn calibrate`: how the errors of a model's rollouts grow, measured on recorded trajectories.
 
-use crate::validate::{Progress, SPLITS, name_file, trajectories};
+use crate::validate::{Progress, SPLITS};
 use m4gn_base::{Error, Result};
 use m4gn_model::{Calibration, Model, Resolution};
 use m4gn_step::SessionOptions;
 use m4gn_workbench::calibrate::{self, Rollout};
 use m4gn_workbench::signal::median;
-use m4gn_workbench::validate::predicted;
+use m4gn_workbench::validate::{name_file, predicted, trajectories};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -62,7 +62,7 @@ pub fn run(args: Args) -> Result<()> {
             return Err(Error::Input(format!("{option} 0: expected at least 1")));
         }
     }
-    crate::check_outputs([&args.json, &args.out].map(|p| p.as_deref()))?;
+    let _claimed = crate::claim_outputs([&args.json, &args.out].map(|p| p.as_deref()))?;
     let mut model = Model::read(&args.model)?;
     let known = match (args.check, &model.spec.calibration) {
         (true, None) => {
@@ -80,7 +80,7 @@ pub fn run(args: Args) -> Result<()> {
     };
     let options =
         SessionOptions { n_threads: args.threads, resolution: args.resolution, ..SessionOptions::default() };
-    let found = trajectories(&args.data, &args.split, &model)?;
+    let found = trajectories(&args.data, &args.split, &model.spec)?;
     let progress = Progress::new(args.starts * found.len())?;
     let mut all: Vec<Vec<Rollout>> = Vec::new();
     for (i, (trajectory, _)) in found.iter().enumerate() {

@@ -1,6 +1,6 @@
 //! `m4gn check`: does a case fit?
 
-use super::{check_outputs, stop_flag, write_json};
+use super::{claim_outputs, stop_flag, write_json};
 use m4gn_base::{Error, Result};
 use m4gn_report::number;
 use m4gn_workbench::check::{self, Case, Checked, Finding, Plan};
@@ -45,7 +45,7 @@ fn file(text: &str) -> std::result::Result<PathBuf, String> {
 /// # Errors
 /// What keeps the solver from being run, and the reasons of surrogates that do not fit.
 pub fn run(args: Args) -> Result<()> {
-    check_outputs([args.json.as_deref()])?;
+    let _claimed = claim_outputs([args.json.as_deref()])?;
     let plan = Plan {
         case: args.case,
         model: args.model,

@@ -1,6 +1,6 @@
 //! `m4gn convert`: data sets and weights of others, and for others.
 
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, lock};
 use m4gn_data::{Split, Trajectory, is_trajectory, list};
 use m4gn_exchange::{export, import, weights};
 use m4gn_mesh::NodeType;
@@ -94,7 +94,7 @@ pub fn run(args: Args) -> Result<()> {
 
 /// Weights of others to a model, or a model to weights for others.
 fn weights(args: &Args) -> Result<()> {
-    super::check_outputs([Some(args.out.as_path())])?;
+    let _claimed = super::claim_outputs([Some(args.out.as_path())])?;
     let types = args.node_types.as_deref();
     let naming = match args.kind {
         None => {
@@ -128,6 +128,8 @@ fn weights(args: &Args) -> Result<()> {
 /// Files of others to trajectories.
 fn into(args: &Args) -> Result<()> {
     let stop = super::stop_flag()?;
+    let single = args.out.extension().is_some_and(|e| e == "h5");
+    let _folder = (!single).then(|| lock::folder(&args.out)).transpose()?;
     let options =
         import::Options { split: args.split, dt: args.dt, poisson: Some(args.poisson), count: args.count };
     let mut done = |file: &Path, kept: bool| {
@@ -166,10 +168,7 @@ fn out(args: &Args) -> Result<()> {
             files.len()
         )));
     }
-    if !single {
-        let made = std::fs::create_dir_all(&args.out);
-        made.map_err(|e| Error::file(&args.out, format!("cannot be made: {e}")))?;
-    }
+    let _folder = (!single).then(|| lock::folder(&args.out)).transpose()?;
     let stop = super::stop_flag()?;
     for file in files.iter().take(args.count.unwrap_or(usize::MAX)) {
         let stem = file.file_stem().unwrap_or_default();
@@ -178,7 +177,7 @@ fn out(args: &Args) -> Result<()> {
             _ => (export::to_vtu, "pvd"),
         };
         let to = if single { args.out.clone() } else { args.out.join(stem).with_extension(end) };
-        super::check_outputs([Some(to.as_path())])?;
+        let _claimed = super::claim_outputs([Some(to.as_path())])?;
         write(&Trajectory::open(file)?, &to)?;
         println!("wrote {}", to.display());
         if stop.load(Ordering::Relaxed) != 0 {

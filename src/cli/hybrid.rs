@@ -1,7 +1,7 @@
 //! `m4gn hybrid`: many unseen cases of a family, hybrid runs against the full solver.
 
 use super::generate::folder::SetArgs;
-use super::{check_outputs, stop_flag, write_json};
+use super::{claim_outputs, stop_flag, write_json};
 use m4gn_base::{Error, Result};
 use m4gn_report::{number, percent};
 use m4gn_workbench::generate::family::Family;
@@ -79,7 +79,7 @@ pub struct Args {
 /// # Errors
 /// Bad settings, missing programs, a folder that cannot be used, interruption, or a run that failed.
 pub fn run(args: Args) -> Result<()> {
-    check_outputs([args.json.as_deref(), args.html.as_deref()])?;
+    let _claimed = claim_outputs([args.json.as_deref(), args.html.as_deref()])?;
     let plan = plan(&args)?;
     let order = plan.schedule.order_by.clone().unwrap_or("case".into());
     let names: Vec<String> = plan.variants.iter().map(|v| v.name.clone()).collect();

@@ -21,7 +21,7 @@ pub mod study;
 pub mod train;
 pub mod validate;
 
-pub use output::{check_outputs, progress_bar, write_json};
+pub use output::{claim_outputs, progress_bar, write_json};
 pub use stop::stop_flag;
 
 use clap::{Parser, Subcommand};

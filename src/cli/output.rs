@@ -2,6 +2,7 @@
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use m4gn_base::files::write_whole;
+use m4gn_base::lock::{self, Lock};
 use m4gn_base::{Error, Result};
 use serde_json::Value;
 use std::fmt::Write as _;
@@ -106,12 +107,12 @@ pub fn write_json(path: Option<&Path>, figures: &Value) -> Result<()> {
     }
 }
 
-/// Fails where a file that was asked for could not be put, before anything is computed.
+/// Claims the places of files that were asked for ([`lock::files`]), before anything is computed.
 ///
 /// # Errors
-/// [`Error::File`] naming it.
-pub fn check_outputs<'a>(paths: impl IntoIterator<Item = Option<&'a Path>>) -> Result<()> {
-    paths.into_iter().flatten().try_for_each(m4gn_base::files::check_writable)
+/// [`Error::File`] naming the one that could not be put there, or that another program writes.
+pub fn claim_outputs<'a>(paths: impl IntoIterator<Item = Option<&'a Path>>) -> Result<Vec<Lock>> {
+    lock::files(paths.into_iter().flatten())
 }
 
 /// A progress bar over `length` things on a terminal; None where stderr is no terminal: print plain lines then.

@@ -1,11 +1,12 @@
 //! `m4gn predict`: a model's rollouts as trajectories.
 
 use super::running::Running;
-use super::validate::{Progress, name_file};
-use m4gn_base::{Error, Result};
+use super::validate::Progress;
+use m4gn_base::{Error, Result, lock};
 use m4gn_data::{Trajectory, list};
 use m4gn_model::Model;
 use m4gn_workbench::predict;
+use m4gn_workbench::validate::{fits, name_file};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -40,11 +41,12 @@ pub struct Args {
 /// # Errors
 /// When the model does not fit the data, or a file cannot be read or written; when a rollout becomes non-finite (after all are written).
 pub fn run(args: Args) -> Result<()> {
-    super::check_outputs([args.json.as_deref()])?;
+    let _claimed = super::claim_outputs([args.json.as_deref()])?;
     let options = args.running.options()?;
     let model = Model::read(&args.model)?;
     let files = list(&args.data)?;
     let folder = args.data.is_dir();
+    let _folder = folder.then(|| lock::folder(&args.out)).transpose()?;
     let (mut figures, mut diverged) = (Vec::new(), Vec::new());
     for file in &files {
         let trajectory = Trajectory::open(file)?;
@@ -53,7 +55,7 @@ pub fn run(args: Args) -> Result<()> {
             false => args.out.clone(),
         };
         let steps = args.steps.map(|n| n as usize);
-        let expected = name_file(m4gn_workbench::validate::fits(&model, &trajectory), file)?.steps;
+        let expected = name_file(fits(&model.spec, &trajectory), file)?.steps;
         let progress = Progress::new(steps.unwrap_or(expected))?;
         let done = predict::run(&model, &trajectory, &options, (steps, &out), &mut || progress.advance());
         progress.note(file, done.as_ref().map_or(&[], |d| &d.outside));

@@ -1,11 +1,11 @@
 //! `m4gn validate`: a model against recorded trajectories.
 
 use super::running::Running;
-use m4gn_base::{Error, Result};
-use m4gn_data::{Split, Trajectory, list};
+use m4gn_base::{Error, Result, lock};
+use m4gn_data::Split;
 use m4gn_model::Model;
 use m4gn_report::number;
-use m4gn_workbench::validate::{self, Case, Keep, Pace};
+use m4gn_workbench::validate::{self, Case, Keep, name_file};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
@@ -58,7 +58,7 @@ pub fn run(args: Args) -> Result<()> {
     if let Some(h) = args.horizon.filter(|h| !h.is_finite() || *h <= 0.0) {
         return Err(Error::Input(format!("--horizon {h}: expected a positive time in s")));
     }
-    crate::check_outputs([&args.json, &args.html].map(|p| p.as_deref()))?;
+    let _claimed = crate::claim_outputs([&args.json, &args.html].map(|p| p.as_deref()))?;
     let mut model = Model::read(&args.model)?;
     if let Some(count) = args.segments {
         if !model.spec.architecture.needs().segments {
@@ -75,7 +75,8 @@ pub fn run(args: Args) -> Result<()> {
             "--vtu: the model is of a flow at cells; this is for models of bodies at points".into(),
         ));
     }
-    let trajectories = trajectories(&args.data, &args.split, &model)?;
+    let _series = args.vtu.as_deref().map(lock::folder).transpose()?;
+    let trajectories = validate::trajectories(&args.data, &args.split, &model.spec)?;
     // One trajectory is pictured: the first of the split that counts.
     let shown = trajectories.iter().position(|(t, _)| t.split() == Split::Test);
     let shown = shown.unwrap_or(0);
@@ -140,25 +141,6 @@ fn line(case: &Case) -> String {
     text
 }
 
-/// The trajectories of the split, all fit for the model.
-///
-/// # Errors
-/// When a file cannot be read or does not fit, and when there is none.
-pub fn trajectories(data: &Path, split: &str, model: &Model) -> Result<Vec<(Trajectory, Pace)>> {
-    let mut trajectories = Vec::new();
-    for path in list(data)? {
-        let trajectory = Trajectory::open(&path)?;
-        if split == "all" || split == trajectory.split().name() {
-            let pace = name_file(validate::fits(model, &trajectory), &path)?;
-            trajectories.push((trajectory, pace));
-        }
-    }
-    if trajectories.is_empty() {
-        return Err(Error::Input(format!("{}: no trajectory of this split", data.display())));
-    }
-    Ok(trajectories)
-}
-
 /// Steps done so far, and whether to stop.
 pub struct Progress {
     bar: Option<indicatif::ProgressBar>,
@@ -211,18 +193,4 @@ impl Progress {
         self.bar.iter().for_each(|b| b.finish_and_clear());
         println!();
     }
-}
-
-/// The error of a model that does not fit, or of a mesh that no session can be made of, names the file.
-///
-/// # Errors
-/// The error given.
-pub fn name_file<T>(checked: Result<T>, path: &Path) -> Result<T> {
-    checked.map_err(|e| match e {
-        Error::Model(message) => {
-            Error::Model(format!("the model does not fit {}: {message}", path.display()))
-        }
-        Error::Mesh(message) => Error::file(path, message),
-        other => other,
-    })
 }

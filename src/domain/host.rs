@@ -113,7 +113,10 @@ pub fn open(mesh: &Mesh, spec: &ModelSpec, options: &HostOptions, comm: &Comm) -
 }
 
 /// Whether the model is of this kind of domain, and knows its directions and node types.
-fn fits(mesh: &Mesh, spec: &ModelSpec) -> Result<()> {
+///
+/// # Errors
+/// [`Error::Model`] that says what it knows, and what the mesh has.
+pub fn fits(mesh: &Mesh, spec: &ModelSpec) -> Result<()> {
     match (Kind::of_model(spec), Kind::of_mesh(mesh)) {
         (Kind::Body, Kind::Cells) => {
             return Err(Error::Model(

@@ -1,6 +1,7 @@
 //! What the command line asks for, as it crosses the C interface.
 
 use super::config::Config;
+use m4gn_base::lock::{self, Lock};
 use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -53,20 +54,18 @@ impl Request {
         Ok(config)
     }
 
-    /// Makes the folder of the model, checkpoint and log, and refuses files that could not be written, before anything is read.
+    /// Makes the folder of the model, checkpoint and log, and claims these files ([`lock::files`]), before anything is read.
     ///
     /// # Errors
-    /// [`Error::File`] or [`Error::Input`] naming the file.
-    pub fn check_outputs(&self) -> Result<()> {
+    /// [`Error::File`] naming the file that could not be written, or that another program writes.
+    pub fn claim_outputs(&self) -> Result<Vec<Lock>> {
         if let Some(folder) = self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             std::fs::create_dir_all(folder)
                 .map_err(|e| Error::file(folder, format!("the folder of --out cannot be made: {e}")))?;
         }
-        m4gn_base::files::check_writable(&self.out)?;
-        if let Some(json) = &self.json {
-            m4gn_base::files::check_writable(json)?;
-        }
-        Ok(())
+        // Models of other endings have the same checkpoint and log.
+        let checkpoint = self.checkpoint();
+        lock::files([&self.out, &checkpoint].into_iter().chain(&self.json).map(PathBuf::as_path))
     }
 
     /// Worker threads: as asked, else one a core up to the pieces of work.

@@ -8,6 +8,7 @@ use super::net2net;
 use super::report::Report;
 use super::request::Request;
 use super::trainer::Trainer;
+use m4gn_base::lock::Lock;
 use m4gn_base::{Error, Result};
 use m4gn_learn::Workload;
 use m4gn_learn::inputs;
@@ -23,14 +24,14 @@ pub(super) struct Loaded {
     pub spec: ModelSpec,
     pub from: Option<Model>,
     pub earlier: Option<Checkpoint>,
+    /// Model, checkpoint and log are this training's.
+    pub _claimed: Vec<Lock>,
 }
 
 /// Reads all of it, and checks that it goes together.
 pub(super) fn load(request: &Request, stop: &AtomicU8, comm: &Comm, report: &Report) -> Result<Loaded> {
     let config = request.config()?;
-    if comm.is_root() {
-        request.check_outputs()?;
-    }
+    let claimed = if comm.is_root() { request.claim_outputs()? } else { Vec::new() };
     let path = request.checkpoint();
     if path.exists() && !request.resume {
         return Err(Error::Input(format!(
@@ -65,7 +66,7 @@ pub(super) fn load(request: &Request, stop: &AtomicU8, comm: &Comm, report: &Rep
             net2net::widen(model, factor, config.training.seed)
         })
         .transpose()?;
-    Ok(Loaded { config, work, spec, from, earlier })
+    Ok(Loaded { config, work, spec, from, earlier, _claimed: claimed })
 }
 
 impl Trainer<'_> {

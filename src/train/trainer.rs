@@ -69,7 +69,7 @@ pub fn train(
     make: impl for<'a> FnOnce(&Task<'a>) -> Result<Box<dyn Backend + 'a>>,
 ) -> Result<serde_json::Value> {
     let report = Report::new(comm.is_root());
-    let loaded = comm.agree(load(request, stop, comm, &report))?;
+    let mut loaded = comm.agree(load(request, stop, comm, &report))?;
     let (config, work, spec) = (&loaded.config, &loaded.work, &loaded.spec);
     let t = &config.training;
     if let (0, Some(model)) = (t.steps, &loaded.from) {
@@ -134,7 +134,7 @@ pub fn train(
         resumed_seconds: 0.0,
         started: Instant::now(),
     };
-    if let Some(earlier) = loaded.earlier {
+    if let Some(earlier) = loaded.earlier.take() {
         comm.agree(trainer.resume(earlier, &report))?;
     }
     trainer.run(stop, &report)

@@ -24,7 +24,7 @@ pub fn rollouts(
     outside: &mut Vec<String>,
     progress: &mut dyn FnMut() -> Result<()>,
 ) -> Result<Vec<Rollout>> {
-    let pace = fits(model, trajectory)?;
+    let pace = fits(&model.spec, trajectory)?;
     let Some(last) = pace.steps.checked_sub(strides).filter(|last| *last > 0) else {
         return Err(Error::Input(format!(
             "{}: {} strides of the model, and rollouts of {strides} with a stride before them were asked for; ask for fewer",

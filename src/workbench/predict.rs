@@ -48,7 +48,7 @@ pub fn run(
     (steps, out): (Option<usize>, &Path),
     progress: &mut dyn FnMut() -> Result<()>,
 ) -> Result<Predicted> {
-    let pace = fits(model, trajectory)?;
+    let pace = fits(&model.spec, trajectory)?;
     let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
     let recorded = |name: &str| trajectory.fields().iter().any(|f| f.name == name);
     let kept: Vec<bool> = scene.fields().map(|f| recorded(&f.name)).collect();

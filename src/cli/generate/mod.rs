@@ -4,7 +4,7 @@ pub(crate) mod folder;
 mod solids;
 mod tally;
 
-use super::{progress_bar, stop_flag, write_json};
+use super::{claim_outputs, progress_bar, stop_flag, write_json};
 use m4gn_base::Result;
 use m4gn_data::Split;
 use m4gn_workbench::generate::automatic_split;
@@ -133,6 +133,7 @@ impl Common {
         whole: impl Fn(&[Value]) -> (String, Value),
     ) -> Result<()> {
         let split = self.asked_split()?;
+        let _claimed = claim_outputs([self.json.as_deref()])?;
         let jobs = self
             .jobs
             .map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), |j| j as usize);

@@ -31,12 +31,12 @@ pub fn run(args: Args) -> Result<()> {
     let mut mesh = input.mesh(&args.node_type)?;
     let spec = fitted(wanted, args.modes.is_none(), &mesh)?;
     input.add_elastic_modes(&mut mesh, &spec)?;
-    super::check_outputs([args.json.as_deref()])?;
     // Nothing is put where nobody asked for it: of a trajectory where --vtu says
     let write = !args.no_write && (args.vtu.is_some() || matches!(input, Input::Case(_)));
+    let shown = args.vtu.as_deref().filter(|_| write);
+    let _claimed = super::claim_outputs([args.json.as_deref(), shown])?;
     if write {
         input.check_fields(spec.modes, args.overwrite)?;
-        super::check_outputs([args.vtu.as_deref()])?;
     }
 
     let comm = Comm::serial();

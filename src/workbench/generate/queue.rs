@@ -1,7 +1,7 @@
 //! Many cases at once: what is there is kept, what fails is reported and skipped.
 
 use super::process::Surroundings;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, lock};
 use m4gn_data::Split;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -91,9 +91,9 @@ impl<C: Case> Queue<C> {
     /// trajectory of the same name and other parameters, or another program works in it: nothing is run then. Failed
     /// cases are only reported.
     pub fn run(&self, mut report: impl FnMut(&C, &Outcome<C::Figures>)) -> Result<()> {
-        std::fs::create_dir_all(self.folder.join("cases"))
-            .map_err(|e| Error::file(&self.folder, format!("cannot be made: {e}")))?;
-        let _lock = lock(&self.folder)?;
+        let _lock = lock::folder(&self.folder)?;
+        let cases = self.folder.join("cases");
+        std::fs::create_dir_all(&cases).map_err(|e| Error::file(&cases, format!("cannot be made: {e}")))?;
         let mut missing = Vec::new();
         for case in &self.cases {
             let target = self.target(case);
@@ -106,7 +106,7 @@ impl<C: Case> Queue<C> {
         }
         self.run_missing(&missing, &mut report);
         // Goes only when it is empty: failed and kept cases stay.
-        let _ = std::fs::remove_dir(self.folder.join("cases"));
+        let _ = std::fs::remove_dir(cases);
         if self.tools.stopped() {
             return Err(Error::Interrupted(format!(
                 "stopped by the user; the same command goes on with {}",
@@ -193,23 +193,6 @@ pub fn in_parallel<T: Send>(
         drop(sender);
         results.into_iter().for_each(|(i, result)| each(i, result));
     });
-}
-
-/// Keeps other programs of this kind out of the folder while the result lives; the system ends the lock with the process.
-///
-/// # Errors
-/// [`Error::File`] where one works in the folder already.
-pub fn lock(folder: &Path) -> Result<std::fs::File> {
-    let handle =
-        std::fs::File::open(folder).map_err(|e| Error::file(folder, format!("cannot be opened: {e}")))?;
-    match handle.try_lock() {
-        Ok(()) => Ok(handle),
-        Err(std::fs::TryLockError::WouldBlock) => Err(Error::file(
-            folder,
-            "another m4gn works in this folder: wait until it has ended, or choose another folder",
-        )),
-        Err(std::fs::TryLockError::Error(e)) => Err(Error::file(folder, format!("cannot be locked: {e}"))),
-    }
 }
 
 /// The first number of a trajectory's provenance that is not the wanted one.

@@ -23,7 +23,7 @@ use crate::generate::family::{Draw, Family, Hybrid};
 use crate::generate::parameter::Settings;
 use crate::generate::process::Surroundings;
 use crate::generate::queue;
-use m4gn_base::{Error, Result, files, plugin};
+use m4gn_base::{Error, Result, files, lock, plugin};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -123,12 +123,8 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
     }
     // Before there are threads, and before anything is run that could not be compared.
     foam_bridge::load()?;
-    std::fs::create_dir_all(&plan.folder)
-        .map_err(|e| Error::file(&plan.folder, format!("cannot be made: {e}")))?;
-    let _lock = queue::lock(&plan.folder)?;
-    if let Some(folder) = &plan.stretches {
-        std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, format!("cannot be made: {e}")))?;
-    }
+    let folders = plan.stretches.iter().filter(|f| **f != plan.folder).chain([&plan.folder]);
+    let _locks = folders.map(|f| lock::folder(f)).collect::<Result<Vec<_>>>()?;
     let comparing = Mutex::new(());
     let job = case::Job { plan, settings: &settings, surrogate, comparing: &comparing, report: &report };
     let mut results: Vec<DrawResult> = Vec::new();

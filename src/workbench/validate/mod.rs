@@ -32,13 +32,13 @@ pub use shape::Shape;
 pub use summary::{Figures, Row, Summary, headline, json, summaries};
 
 use m4gn_base::{Error, Result};
-use m4gn_data::{Split, Trajectory};
+use m4gn_data::{Split, Trajectory, list};
 use m4gn_domain::Kind;
-use m4gn_model::{FieldSpec, Model};
+use m4gn_model::{FieldSpec, Model, ModelSpec};
 use m4gn_parallel::Comm;
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use m4gn_structure::diameter;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub use m4gn_train::HORIZON;
 
@@ -132,17 +132,18 @@ fn diameter_of(trajectory: &Trajectory) -> usize {
 /// Whether the model can be rolled out on the trajectory.
 ///
 /// # Errors
-/// [`Error::Model`] for a model of another kind of domain, for fields that are not there or of another kind, and as
+/// [`Error::Model`] for a model of another kind of domain, of other directions or node types, for fields that are not there or of another kind, and as
 /// [`Pace::new`].
-pub fn fits(model: &Model, trajectory: &Trajectory) -> Result<Pace> {
+pub fn fits(model: &ModelSpec, trajectory: &Trajectory) -> Result<Pace> {
     let misfit = |message: String| Err(Error::Model(message));
-    if let Err(kinds) = m4gn_domain::check_kind(&model.spec, trajectory.mesh()) {
+    if let Err(kinds) = m4gn_domain::check_kind(model, trajectory.mesh()) {
         let [model, data] = kinds.map(Kind::name);
         return misfit(format!("the model is of {model}, the data are {data}"));
     }
     let dimensions = |d: [i32; 7]| format!("[{}]", d.map(|d| d.to_string()).join(" "));
     let kind = |vector: bool| if vector { "vector" } else { "scalar" };
-    for spec in &model.spec.fields {
+    m4gn_domain::fits(trajectory.mesh(), model)?;
+    for spec in &model.fields {
         let Ok(found) = trajectory.field(&spec.name) else {
             let names: Vec<&str> = trajectory.fields().iter().map(|f| f.name.as_str()).collect();
             return misfit(format!(
@@ -162,10 +163,43 @@ pub fn fits(model: &Model, trajectory: &Trajectory) -> Result<Pace> {
             ));
         }
     }
-    if predicted(&model.spec.fields).is_empty() {
+    if predicted(&model.fields).is_empty() {
         return misfit("the model predicts no field".into());
     }
-    Pace::new(trajectory.times(), model.spec.stride)
+    Pace::new(trajectory.times(), model.stride)
+}
+
+/// The trajectories of a split (or of `all`), which fit the model.
+///
+/// # Errors
+/// When a file cannot be read or does not fit, and when there is none.
+pub fn trajectories(data: &Path, split: &str, model: &ModelSpec) -> Result<Vec<(Trajectory, Pace)>> {
+    let mut trajectories = Vec::new();
+    for path in list(data)? {
+        let trajectory = Trajectory::open(&path)?;
+        if split == "all" || split == trajectory.split().name() {
+            let pace = name_file(fits(model, &trajectory), &path)?;
+            trajectories.push((trajectory, pace));
+        }
+    }
+    if trajectories.is_empty() {
+        return Err(Error::file(data, format!("holds no trajectory of split {split}")));
+    }
+    Ok(trajectories)
+}
+
+/// The error of a model that does not fit, or of a mesh that no session can be made of, names the file.
+///
+/// # Errors
+/// The error given.
+pub fn name_file<T>(checked: Result<T>, path: &Path) -> Result<T> {
+    checked.map_err(|e| match e {
+        Error::Model(message) => {
+            Error::Model(format!("the model does not fit {}: {message}", path.display()))
+        }
+        Error::Mesh(message) => Error::file(path, message),
+        other => other,
+    })
 }
 
 /// Rolls the model out on a trajectory. `progress` is called after each step, and ends the run with an
@@ -180,7 +214,7 @@ pub fn run(
     (horizon, keep): (Option<f64>, Keep),
     progress: &mut dyn FnMut() -> Result<()>,
 ) -> Result<Case> {
-    let pace = fits(model, trajectory)?;
+    let pace = fits(&model.spec, trajectory)?;
     let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
     let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, options)?;
     let node_segment = session.cell_segment().to_vec();

@@ -338,7 +338,7 @@ fn models_and_data_of_other_kinds_are_refused() {
     let t = Trajectory::open(FILE).unwrap();
     let message = |spec: m4gn_model::ModelSpec| {
         let model = Model::random(spec, 1).unwrap();
-        fits(&model, &t).unwrap_err().to_string()
+        fits(&model.spec, &t).unwrap_err().to_string()
     };
     assert!(message(m4gn_samples::model::spec()).contains("the data are a body at points"));
     let mut spec = m4gn_samples::model::bodies();
