@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 15
+#define M4GN_ABI_VERSION 16
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -541,8 +541,13 @@ int32_t m4gn_ride_handed_back(
     m4gn_ride* ride, const m4gn_ride_step* now, const double* const* state,
     const m4gn_ride_quantity* quantities, int32_t n_quantities, m4gn_ride_answer* answer);
 
+/* What the run is made under, by name: the text of a JSON object of texts and lists of figures (boundary conditions, properties, schemes).
+ * To be told before load and save. The same on all ranks. */
+int32_t m4gn_ride_conditions(m4gn_ride* ride, const char* conditions);
+
 /* Collective. One file, which the first rank writes and reads: a ride that takes it up, on a host that has the state of that time, goes
- * on as the uninterrupted one. To be saved where the table above says so. The action of load is M4GN_RIDE_SOLVE, M4GN_RIDE_STRIDE
+ * on as the uninterrupted one. What was fitted and measured under other conditions is dropped, the log names what has changed, and the
+ * action is M4GN_RIDE_SOLVE. To be saved where the table above says so. The action of load is M4GN_RIDE_SOLVE, M4GN_RIDE_STRIDE
  * where strides of a jump are left, or M4GN_RIDE_HAND_BACK where the state is one that was handed back already. On another number of
  * ranks it works as well. M4GN_ERROR_FILE for a file that is damaged (it has a checksum) or of another mesh or time,
  * M4GN_ERROR_MODEL for one of another model: the ride then begins anew. */

@@ -444,6 +444,8 @@ public:
         });
     }
 
+    void conditions(const std::string& json) { check(m4gn_ride_conditions(ride_.get(), json.c_str())); }
+
     void save(const std::string& path) { check(m4gn_ride_save(ride_.get(), path.c_str())); }
 
     // The state must be that of this time.

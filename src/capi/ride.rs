@@ -9,7 +9,9 @@ use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
 use m4gn_parallel::Comm;
 use m4gn_ride::registry::NETWORK;
-use m4gn_ride::{Action, Answer, Host, Network, Ride, RideSettings, Step, Surrogate, Text, host_of};
+use m4gn_ride::{
+    Action, Answer, DmdSettings, Host, Network, Ride, RideSettings, Step, Surrogate, Text, host_of,
+};
 use m4gn_state::Layout;
 use m4gn_step::Session;
 use std::ffi::{CString, c_char, c_void};
@@ -257,8 +259,10 @@ impl Setup {
                 same += &format!("\n{}", made.shared());
                 own = Some(made);
             }
-            // Ranks have threads, texts and clocks of their own; a session's model may be on another path.
+            // Ranks have threads, texts and clocks of their own; a session's model may be on another path, and so may a rank's folder.
+            let dmd = settings.dmd.clone().map(|dmd| DmdSettings { file: None, ..dmd });
             let alike = RideSettings {
+                dmd,
                 host: String::new(),
                 setup_seconds: 0.0,
                 model: if host.session.is_null() { settings.model.clone() } else { String::new() },
@@ -470,6 +474,15 @@ exports! {
             |handle, ((now, state), quantities)| handle.ride.handed_back(now, state.as_deref(), &quantities),
             answer,
         )
+    }
+
+    /// What the run is made under.
+    fn m4gn_ride_conditions(ride: *mut RideHandle, conditions: *const c_char) -> i32, or |s| s; {
+        // SAFETY: a ride of ours and the host's text, or null.
+        let (handle, text) = unsafe {
+            (pointers::reference_mut("ride", ride)?, pointers::text("conditions", conditions)?)
+        };
+        handle.guarded(|handle| handle.ride.made_under(text).map(|()| 0))
     }
 
     /// Writes the state.

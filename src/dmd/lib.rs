@@ -12,5 +12,5 @@ mod tests;
 
 pub use choose::{FieldError, Fit, FitSettings, relative};
 pub use dmd::{Delayed, Dmd, Shape, Window};
-pub use online::{OnlineDmd, Outlook, Settings, State};
+pub use online::{OnlineDmd, Outlook, Restored, Settings, State};
 pub use snapshots::{Combination, Snapshots, Storage};

@@ -4,7 +4,7 @@ use crate::choose::{FieldError, Fit, FitSettings, choose, spread};
 use crate::dmd::Dmd;
 use crate::sampling::Grid;
 use crate::snapshots::{Combination, Snapshots, Storage};
-use crate::store::Store;
+use crate::store::{Store, numbers};
 use m4gn_base::{Error, Result};
 use m4gn_parallel::Comm;
 use m4gn_state::Array;
@@ -53,10 +53,23 @@ pub struct State {
     kept: Vec<i64>,
     marks: Vec<f64>,
     grid: Option<Grid>,
+    /// Number of the file that they are in.
+    file: u64,
     /// The sample that predictions begin from.
     present: Option<i64>,
     fit: Option<Fit>,
     predicted: VecDeque<Predicted>,
+}
+
+/// What came of taking up a state.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Restored {
+    /// All of it.
+    Whole,
+    /// Its snapshots have made room for later ones: the window begins anew.
+    Superseded,
+    /// What could not be read, or is of another run.
+    Lost(String),
 }
 
 /// A dmd surrogate of a run.
@@ -323,30 +336,56 @@ impl OnlineDmd {
     /// # Errors
     /// [`Error::File`]: the file is then begun anew next time.
     pub fn save(&self, path: &Path) -> Result<State> {
+        let number = self.state.file;
         let saved = match self.snapshots.entries.is_empty() {
             true => Ok(None),
-            false => Store::save(self.store.borrow_mut().take(), path, &self.snapshots).map(Some),
+            false => Store::save(self.store.borrow_mut().take(), path, number, &self.snapshots).map(Some),
         };
-        *self.store.borrow_mut() = self.snapshots.comm().agree(saved)?;
+        let store = self.snapshots.comm().agree(saved)?;
+        let file = store.as_ref().map_or(number, |store| store.number);
+        *self.store.borrow_mut() = store;
         let (kept, marks) = (self.snapshots.numbers().collect(), self.snapshots.marks());
-        Ok(State { kept, marks, ..self.state.clone() })
+        Ok(State { kept, marks, file, ..self.state.clone() })
     }
 
-    /// Goes on from what [`save`](Self::save) gave and wrote. Says what could not be read; empty: nothing. Where snapshots are missing, the
-    /// fit is dropped and the window has those that are there; those of another run are not taken. Collective.
+    /// Begins anew in a run of which another part wrote `state`: beside its files, which earlier times are carried on from. Collective.
+    pub fn begin_beside(&mut self, path: &Path, state: &State) {
+        let there = numbers(path).into_iter().max().unwrap_or(0).max(state.file);
+        let mut last = [there as f64];
+        self.snapshots.comm().max_f64(&mut last);
+        self.state.file = last[0] as u64 + 1;
+    }
+
+    /// The solver stands at this time with these fields, in a run that is carried on: the next sample may lie before its next step.
+    pub fn stand(&mut self, time: f64, delta_t: f64, fields: &[&[f64]]) {
+        if self.state.grid.is_some_and(|grid| is_passed_next(grid, time, delta_t)) {
+            self.last = Some((time, fields.iter().map(|f| f.to_vec()).collect()));
+        }
+    }
+
+    /// Goes on from what [`save`](Self::save) gave and wrote. Where snapshots are missing, the fit is dropped and the window has those that
+    /// are there; those of another run are not taken. Collective.
     ///
     /// # Errors
     /// [`Error::Input`] where there are snapshots already.
-    pub fn restore(&mut self, path: &Path, state: State) -> Result<String> {
+    pub fn restore(&mut self, path: &Path, state: State) -> Result<Restored> {
         if !self.snapshots.entries.is_empty() {
             return Err(Error::Input("dmd: a state is restored before the first snapshot".into()));
         }
         let Some(&last) = state.kept.last() else {
             self.state = state;
-            return Ok(String::new());
+            return Ok(Restored::Whole);
         };
+        let there = numbers(path);
+        let superseded = !there.contains(&state.file) && there.iter().any(|n| *n > state.file);
+        let mut anywhere = [i64::from(!superseded)];
+        self.snapshots.comm().min_i64(&mut anywhere);
+        if anywhere == [0] {
+            self.begin_beside(path, &state);
+            return Ok(Restored::Superseded);
+        }
         let (mut found, mut said) = (None, String::new());
-        match Store::read(path, &self.snapshots, last) {
+        match Store::read(path, state.file, &self.snapshots, last) {
             Ok(stored) => {
                 if !stored.damage.is_empty() {
                     said = format!("{}: {}; it and what follows are dropped", path.display(), stored.damage);
@@ -384,9 +423,9 @@ impl OnlineDmd {
         }
         self.state = match whole {
             true => State { kept: Vec::new(), marks: Vec::new(), ..state },
-            false => State { grid: state.grid, present: state.present, ..State::default() },
+            false => State { grid: state.grid, present: state.present, file: state.file, ..State::default() },
         };
-        Ok(said)
+        Ok(if said.is_empty() { Restored::Whole } else { Restored::Lost(said) })
     }
 
     /// Wall time that each state of a fit's window adds to a reconstruction, s: as measured on those that are kept, mean of all ranks.
@@ -425,6 +464,6 @@ impl OnlineDmd {
 
 /// Whether a sample may lie between this step of the solver and the next: steps may grow, and one that ends at a sample needs no other.
 fn is_passed_next(grid: Grid, time: f64, delta_t: f64) -> bool {
-    let next = grid.time_of(grid.after(time));
-    next < time + 2.0 * delta_t && grid.at(time + delta_t) != Some(grid.after(time))
+    let next = grid.after(time);
+    grid.is_later(time + 2.0 * delta_t, next) && grid.at(time + delta_t) != Some(next)
 }

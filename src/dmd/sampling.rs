@@ -32,6 +32,11 @@ impl Grid {
         ((self.position(time) - nearest).abs() < SAME).then_some(nearest as i64)
     }
 
+    /// Whether a time is later than a sample.
+    pub fn is_later(&self, time: f64, number: i64) -> bool {
+        self.position(time) > number as f64 + SAME
+    }
+
     /// The first sample later than a time.
     pub fn after(&self, time: f64) -> i64 {
         (self.position(time) + SAME).floor() as i64 + 1

@@ -1,5 +1,7 @@
-//! Snapshots on disk, one file a rank: a header with the reference state, then a record a snapshot, each with its checksum. A snapshot
-//! is written once; what a run is carried on from names those that it needs.
+//! Snapshots on disk, files of each rank: a header with the reference state, then a record a snapshot, each with its checksum. What a run is
+//! carried on from names the file and the snapshots that it needs. A file that has grown long stays as it is, and the next one begins with
+//! the snapshots that are kept; the one before both goes. So each time of the last file and of the one before can be carried on from, and a
+//! run that is killed while a file is begun leaves those of the one before.
 //!
 //! A block is its length (8 bytes), its bytes, and their CRC-32 (4 bytes); all numbers are little endian.
 
@@ -15,6 +17,8 @@ const MAGIC: &[u8; 8] = b"m4gnlin2";
 #[derive(Debug)]
 pub(crate) struct Store {
     path: PathBuf,
+    /// The files before it have lower numbers.
+    pub number: u64,
     /// Where the next record goes.
     end: u64,
     records: usize,
@@ -31,27 +35,39 @@ pub(crate) struct Stored {
 }
 
 impl Store {
-    /// Writes the snapshots that the file does not have yet; a new file where there is none, or it has grown long.
-    pub fn save(of: Option<Store>, path: &Path, snapshots: &Snapshots) -> Result<Store> {
-        let failed = |e: io::Error| Error::file(path, format!("cannot be written: {e}"));
-        match of {
-            // Who clears the folder while a run goes on does not end it.
-            Some(store)
-                if store.path == path && store.records <= 3 * snapshots.capacity() && path.is_file() =>
-            {
-                store.append(snapshots).map_err(failed)
+    /// Writes the snapshots that the last file does not have yet; a new file, with this number at least, where there is none, or it has grown
+    /// long. `base`: name of the files.
+    pub fn save(of: Option<Store>, base: &Path, number: u64, snapshots: &Snapshots) -> Result<Store> {
+        let before = of.as_ref().map(|store| store.number);
+        // Who clears the folder while a run goes on does not end it.
+        let there = of.filter(|store| store.path == file(base, store.number) && store.path.is_file());
+        let number = match there {
+            Some(store) if store.records <= 3 * snapshots.capacity() => {
+                let path = store.path.clone();
+                return store.append(snapshots).map_err(|e| failed(&path, e));
             }
-            _ => {
-                if let Some(folder) = path.parent() {
-                    fs::create_dir_all(folder).map_err(failed)?;
-                }
-                let mut bytes = MAGIC.to_vec();
-                block(&mut bytes, &header(snapshots)).map_err(failed)?;
-                files::write_whole(path, &bytes)?;
-                let store = Store { path: path.into(), end: bytes.len() as u64, records: 0, last: i64::MIN };
-                store.append(snapshots).map_err(failed)
-            }
+            Some(store) => store.number + 1,
+            None => before.unwrap_or(number),
+        };
+        let path = file(base, number);
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(|e| failed(&path, e))?;
         }
+        if path.exists() {
+            // What is written through is not read again, and a pipe is waited for.
+            files::check_plain(&path).map_err(|e| failed(&path, e))?;
+        }
+        let mut bytes = MAGIC.to_vec();
+        block(&mut bytes, &header(snapshots)).map_err(|e| failed(&path, e))?;
+        files::write_whole(&path, &bytes)?;
+        let end = bytes.len() as u64;
+        let store = Store { path: path.clone(), number, end, records: 0, last: i64::MIN };
+        let store = store.append(snapshots).map_err(|e| failed(&path, e))?;
+        for old in numbers(base).into_iter().filter(|n| n + 1 < number) {
+            // One that cannot be removed takes room, and no more.
+            let _ = fs::remove_file(file(base, old));
+        }
+        Ok(store)
     }
 
     fn append(mut self, snapshots: &Snapshots) -> io::Result<Store> {
@@ -69,11 +85,12 @@ impl Store {
         Ok(self)
     }
 
-    /// Reads the snapshots up to `last` of a run with the same fields. What comes after damage is dropped.
+    /// Reads the snapshots up to `last` of a run with the same fields in the file of this number. What comes after damage is dropped.
     ///
     /// # Errors
     /// [`Error::File`] where there is none, or it is of other fields.
-    pub fn read(path: &Path, snapshots: &Snapshots, last: i64) -> Result<Stored> {
+    pub fn read(base: &Path, number: u64, snapshots: &Snapshots, last: i64) -> Result<Stored> {
+        let path = &file(base, number);
         let bad = |what: String| Error::file(path, what);
         let mut file = files::check_plain(path)
             .and_then(|()| File::open(path))
@@ -97,7 +114,7 @@ impl Store {
         if reference.iter().zip(snapshots.fields()).any(|(r, f)| r.len() != f.numbers()) {
             return Err(bad("its reference state is not as long as the fields".into()));
         }
-        let mut store = Store { path: path.into(), end: 8 + found, records: 0, last: i64::MIN };
+        let mut store = Store { path: path.clone(), number, end: 8 + found, records: 0, last: i64::MIN };
         let (mut entries, mut damage) = (Vec::new(), String::new());
         loop {
             match next(&mut file, longest) {
@@ -119,6 +136,33 @@ impl Store {
         }
         Ok(Stored { reference, entries, store, damage })
     }
+}
+
+/// The file of a number.
+fn file(base: &Path, number: u64) -> PathBuf {
+    let mut name = base.to_path_buf().into_os_string();
+    if number > 0 {
+        name.push(format!(".{number}"));
+    }
+    name.into()
+}
+
+/// Numbers of the files that are there.
+pub(crate) fn numbers(base: &Path) -> Vec<u64> {
+    let name = base.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let number = |entry: io::Result<fs::DirEntry>| {
+        let found = entry.ok()?.file_name().to_string_lossy().into_owned();
+        match found.strip_prefix(&name)? {
+            "" => Some(0),
+            rest => rest.strip_prefix('.')?.parse().ok().filter(|n| *n > 0),
+        }
+    };
+    let folder = base.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    fs::read_dir(folder).map(|entries| entries.filter_map(number).collect()).unwrap_or_default()
+}
+
+fn failed(path: &Path, e: io::Error) -> Error {
+    Error::file(path, format!("cannot be written: {e}"))
 }
 
 /// Names and shapes of the fields, up to a zero byte; then the reference.

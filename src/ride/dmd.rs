@@ -5,9 +5,9 @@ use crate::fit_control::FitRules;
 use crate::registry::Making;
 use crate::schedule::Step;
 use crate::settings::Mode;
-use crate::surrogate::{Description, FitReport, Fits, Growth, Seen, Start, Surrogate};
+use crate::surrogate::{Description, FitReport, Fits, Growth, Resumed, Seen, Start, Surrogate};
 use m4gn_base::{Error, Result};
-use m4gn_dmd::{Combination, OnlineDmd, Outlook, Settings, State, relative};
+use m4gn_dmd::{Combination, OnlineDmd, Outlook, Restored, Settings, State, relative};
 use m4gn_state::{Layout, Role, Values};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -233,17 +233,30 @@ impl Surrogate for DmdSurrogate {
         bytes.map(Some).map_err(|e| Error::Internal(format!("the state of dmd as JSON: {e}")))
     }
 
-    fn restore(&mut self, saved: &[u8]) -> Result<()> {
+    fn restore(&mut self, saved: &[u8], at: &Resumed) -> Result<Option<String>> {
         let kept: RestartState =
             serde_json::from_slice(saved).map_err(|e| Error::Input(format!("the state of dmd: {e}")))?;
         let Some(file) = self.file() else {
-            return Ok(());
+            return Ok(Some("it keeps no states".into()));
         };
-        let said = self.online.restore(&file, kept.fit)?;
-        self.now = RestartState { fit: State::default(), ..kept };
-        match said.is_empty() {
-            true => Ok(()),
-            false => Err(Error::Input(format!(
+        if !at.holds {
+            self.online.begin_beside(&file, &kept.fit);
+            return Ok(None);
+        }
+        match self.online.restore(&file, kept.fit)? {
+            Restored::Whole => {
+                self.now = RestartState { fit: State::default(), ..kept };
+                if at.solves {
+                    let arrays: Vec<&[f64]> = self.places.iter().map(|&i| at.state[i]).collect();
+                    self.online.stand(at.step.time, at.step.delta_t, &arrays);
+                }
+                Ok(None)
+            }
+            Restored::Superseded => Ok(Some(format!(
+                "the states of the fit at time {} have made room for later ones",
+                at.step.name
+            ))),
+            Restored::Lost(said) => Err(Error::Input(format!(
                 "{said}: start from an earlier time, or remove the state of this run there, and the schedule begins anew"
             ))),
         }

@@ -9,6 +9,8 @@ use std::cell::Cell;
 use std::rc::Rc;
 use std::sync::Arc;
 
+mod restarting;
+
 const CELLS: usize = 12;
 const DELTA_T: f64 = 0.05;
 
@@ -345,31 +347,6 @@ fn noise_is_never_jumped() {
     assert_eq!((host.jumps.len(), host.solved), (0, 600));
     host.log += &host.ride.take(Text::Log);
     assert!(host.log.contains("the solver goes on"), "{}", host.log);
-}
-
-#[test]
-fn a_run_that_is_carried_on_in_a_jump_and_beside_the_solver_has_the_same_bits() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("states");
-    let settings = SETTINGS.replace("\"initialJump\"", &format!("\"file\": {:?}, \"initialJump\"", file));
-    // In the second jump, between two samples of the solver, and where the last states are all the same.
-    for (broken, at) in [(1e9, 7.65), (1e9, 9.05), (1e9, 4.9), (-4.0, 6.9)] {
-        let mut whole = Host::new(&settings, 0.0, 0, 25.0, solver(0.0, broken));
-        whole.run(broken, |_| false);
-        let path = folder.path().join("ride.state");
-        let mut first = Host::new(&settings, 0.0, 0, 25.0, solver(0.0, broken));
-        first.run(broken, |h| h.time > at - 1e-9);
-        first.ride.save(&path).unwrap();
-        let mut second = Host::new(&settings, first.time, first.index, 25.0, first.u.clone());
-        let now = second.now();
-        let answer = second.with(|ride, state| ride.load(&path, now, state)).unwrap();
-        let stopped = second.go_on(&answer, &|_| false);
-        assert!(!stopped);
-        second.run(broken, |_| false);
-        let bits = |h: &Host| h.u.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-        assert_eq!(bits(&whole), bits(&second), "{at}: {:?} {:?}", whole.jumps, second.jumps);
-        assert_eq!(whole.jumps.last(), second.jumps.last());
-    }
 }
 
 #[test]

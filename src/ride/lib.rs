@@ -7,6 +7,7 @@
 
 mod candidate;
 mod choice;
+mod conditions;
 pub mod control;
 mod dmd;
 mod dmd_settings;
@@ -44,4 +45,4 @@ pub use ride::{Action, Ahead, Answer, Host, Ride};
 pub use saved::host_of;
 pub use schedule::Step;
 pub use settings::{Mode, RideSettings};
-pub use surrogate::{Description, FitReport, Fits, Growth, Seen, Start, Surrogate};
+pub use surrogate::{Description, FitReport, Fits, Growth, Resumed, Seen, Start, Surrogate};

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"M4GNRIDE";
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// What to do about a state that is of no use.
 const REMEDY: &str = "start from an earlier time, or remove it, and the schedule begins anew";
@@ -30,8 +30,12 @@ struct Whole<T> {
 /// Writes a state; its parts are referred to by their numbers.
 ///
 /// # Errors
-/// [`Error::File`]; what was there before then stays.
+/// [`Error::File`]; what was there before then stays, and a pipe is not waited for.
 pub fn write<T: Serialize>(path: &Path, state: &T, parts: &[Vec<u8>]) -> Result<()> {
+    if path.exists() {
+        // What is written through is not read again, and a pipe is waited for.
+        files::check_plain(path).map_err(|e| Error::file(path, format!("cannot be written: {e}")))?;
+    }
     let whole = Whole { parts: parts.iter().map(|part| part.len() as u64).collect(), state };
     let text =
         serde_json::to_vec(&whole).map_err(|e| Error::Internal(format!("the state of a ride: {e}")))?;
@@ -169,8 +173,8 @@ mod tests {
             read::<Sample>(&path, &bytes).unwrap_err().to_string()
         };
         let mut newer = bytes.clone();
-        newer[8] = 4;
-        assert!(sealed(newer).contains("of version 4, this library reads 3"));
+        newer[8] = 5;
+        assert!(sealed(newer).contains("of version 5, this library reads 4"));
         let mut long = bytes.clone();
         long[12] = 255;
         assert!(sealed(long).contains("longer than the file"));

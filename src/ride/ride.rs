@@ -1,6 +1,7 @@
 //! The state machine: what a host tells, and what it is to do next.
 
 use crate::candidate::Candidate;
+use crate::conditions::Conditions;
 use crate::control::Control;
 use crate::jump::Jump;
 use crate::log::Log;
@@ -102,6 +103,8 @@ pub struct Ride<'a> {
     pub(crate) watch: Watch,
     pub(crate) quantities: Quantities,
     pub(crate) totals: Totals,
+    /// What the run is made under, as the host told last.
+    pub(crate) conditions: Conditions,
     /// Number of this rank's rows in the undecomposed mesh.
     pub(crate) global: Vec<i64>,
     /// The cell of each boundary face.
@@ -197,6 +200,7 @@ impl<'a> Ride<'a> {
             fields,
             watch: Watch::default(),
             quantities: Quantities::default(),
+            conditions: Conditions::default(),
             totals: Totals::default(),
             global,
             owners,
@@ -218,6 +222,16 @@ impl<'a> Ride<'a> {
     /// The arrays of the state.
     pub fn layout(&self) -> &Layout {
         &self.layout
+    }
+
+    /// What the run is made under, as the text of a JSON object: texts, and lists of figures of fields, by what they are. It is saved with the
+    /// state, and what was fitted and measured under others is not taken up ([`load`](Self::load)). The same on all ranks. Not collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another text.
+    pub fn made_under(&mut self, conditions: &str) -> Result<()> {
+        self.conditions = Conditions::parse(conditions)?;
+        Ok(())
     }
 
     /// Figures of tables and messages.

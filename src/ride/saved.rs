@@ -1,16 +1,20 @@
 //! What a ride keeps for a run that is carried on.
 
+use crate::conditions::Conditions;
 use crate::control::StrideError;
 use crate::fit_control::FitControl;
 use crate::jump::Jump;
 use crate::quantities::Quantities;
 use crate::restart;
-use crate::ride::{Answer, Phase, Ride};
+use crate::ride::{Action, Answer, Phase, Ride};
 use crate::schedule::Step;
+use crate::settings::Mode;
 use crate::shadow::Shadow;
+use crate::surrogate::Resumed;
 use crate::totals::Totals;
 use crate::watch::Watch;
 use m4gn_base::{Error, Result};
+use m4gn_state::Values;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -38,6 +42,7 @@ struct Description {
     watch: Watch,
     quantities: Quantities,
     totals: Totals,
+    conditions: Conditions,
     refused: bool,
     surrogates: Vec<Saved>,
     /// What the host keeps there.
@@ -148,6 +153,7 @@ impl Ride<'_> {
             watch: self.watch.clone(),
             quantities: self.quantities.clone(),
             totals: self.totals.clone(),
+            conditions: self.conditions.clone(),
             refused: self.log.refused,
             surrogates,
             host: self.settings.host.clone(),
@@ -186,7 +192,8 @@ impl Ride<'_> {
     /// Goes on from what another run saved at the present time, `step`, on a host that has the state of that time; the first rank reads. What
     /// is left of a jump that it was in is taken first: the answer is [`Action::Stride`](crate::Action::Stride),
     /// [`Action::HandBack`](crate::Action::HandBack) where the state is the last one of the jump and has been handed back already, else
-    /// [`Action::Solve`](crate::Action::Solve). Collective; all ranks fail together, and the ride is then as it was.
+    /// [`Action::Solve`](crate::Action::Solve). What was fitted and measured under [other conditions](Self::made_under) is not taken up: the
+    /// solver goes on. Collective; all ranks fail together, and the ride is then as it was.
     ///
     /// # Errors
     /// [`Error::File`] for what is no state of a ride, is damaged, or is of another mesh or time; [`Error::Model`] for that of other
@@ -207,11 +214,30 @@ impl Ride<'_> {
         drop(bytes);
         let taken = self.take_up(path, &found, &parts, &step);
         let (shadows, controls) = self.comm.agree(taken)?;
-        let pairs = self.candidates.iter_mut().zip(&found.surrogates);
-        for ((candidate, saved), (shadow, control)) in pairs.zip(shadows.into_iter().zip(controls)) {
+        let name = self.settings.name.clone();
+        if self.settings.mode == Mode::Observe {
+            self.log.text +=
+                &format!("m4gn: {name} begins to observe: what it kept as it replaced is not taken up\n\n");
+            return Ok(self.answer(Action::Solve));
+        }
+        let changed = self.conditions.changed(&found.conditions);
+        self.comm.agree_with(Ok(()), &changed)?;
+        let at = Resumed { step: &step, state, solves: found.left < 0, holds: changed.is_empty() };
+        let mut holds = vec![at.holds; self.candidates.len()];
+        let pairs = self.candidates.iter_mut().zip(&found.surrogates).zip(&mut holds);
+        for (((candidate, saved), holds), (shadow, control)) in pairs.zip(shadows.into_iter().zip(controls)) {
             if let Some(part) = saved.own {
                 // A rank may miss files of its own
-                self.comm.agree(candidate.surrogate.restore(&parts[part]))?;
+                let anew = self.comm.agree(candidate.surrogate.restore(&parts[part], &at))?;
+                *holds &= anew.is_none();
+                let told = anew.map(|why| format!("m4gn: {name}: {why}: its fit begins anew\n\n"));
+                self.log.text += &told.unwrap_or_default();
+            } else {
+                // A fit whose states were not kept
+                *holds &= candidate.fit_control.is_none();
+            }
+            if !*holds {
+                continue;
             }
             (candidate.shadow, candidate.fresh) = (shadow, saved.fresh);
             if candidate.fit_control.is_some() && saved.fit_control.is_some() {
@@ -222,19 +248,29 @@ impl Ride<'_> {
             }
         }
         self.keep(state);
-        (self.watch, self.totals, self.log.refused) = (found.watch, found.totals, found.refused);
+        self.totals = found.totals;
         self.totals.by.resize(self.candidates.len(), (0, 0.0));
-        self.quantities = found.quantities;
-        self.handed_back = step.index - found.since;
-        let name = &self.settings.name;
+        let ended = found.left >= 0 && !holds[found.jumper];
+        if at.holds {
+            (self.watch, self.quantities, self.log.refused) = (found.watch, found.quantities, found.refused);
+        }
+        self.handed_back = step.index - if ended || !at.holds { 0 } else { found.since };
         self.log.text += &format!("m4gn: {name} goes on from its state at time {}", step.name);
-        if found.left > 0 {
+        if !at.holds {
+            self.log.text += &format!(
+                " under other conditions: {changed}. What was fitted and measured before is dropped"
+            );
+        } else if found.left > 0 && !ended {
             self.log.text += &format!(", in a jump of which {} steps are left", found.left);
         }
         if found.ranks != self.comm.size() {
             self.log.text += &format!(", written by {} ranks", found.ranks);
         }
         self.log.text += "\n\n";
+        if ended || !at.holds {
+            self.step = step;
+            return Ok(self.answer(Action::Solve));
+        }
         self.step = Step { delta_t: if found.left < 0 { step.delta_t } else { found.delta_t }, ..step };
         if found.left < 0 {
             // The run that was stopped here let no jump begin that went past its end.
@@ -250,7 +286,16 @@ impl Ride<'_> {
             began: self.totals.seconds,
             expected: found.expected,
         };
-        Ok(self.behind_stride(jump))
+        let jumper = jump.surrogate;
+        let answer = self.behind_stride(jump);
+        if let Some(fits) = self.candidates[jumper].surrogate.fits().filter(|fits| fits.has_fit()) {
+            // The state of the jump, where the host's solver has made some of it anew.
+            let mut own: Values = state.iter().map(|v| v.to_vec()).collect();
+            let mut places: Vec<&mut [f64]> = own.iter_mut().map(Vec::as_mut_slice).collect();
+            fits.earlier(0.0, &mut places)?;
+            self.keep(&own.iter().map(Vec::as_slice).collect::<Vec<_>>());
+        }
+        Ok(answer)
     }
 
     /// What each surrogate goes on from; nothing is changed. The ranks have all of the state.

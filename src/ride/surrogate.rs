@@ -52,6 +52,19 @@ pub struct Start<'a> {
     pub ahead: Option<&'a Values>,
 }
 
+/// Where a run is carried on.
+#[derive(Clone, Copy, Debug)]
+pub struct Resumed<'a> {
+    /// The present time.
+    pub step: &'a Step,
+    /// All arrays of the state there.
+    pub state: &'a [&'a [f64]],
+    /// Whether the solver is at work there, and no jump.
+    pub solves: bool,
+    /// Whether the run goes on under the conditions that it was saved under.
+    pub holds: bool,
+}
+
 /// A surrogate on the host's mesh. All methods but the ones that only look are collective, and all ranks fail together.
 pub trait Surrogate {
     /// What is known of it.
@@ -95,13 +108,14 @@ pub trait Surrogate {
         Ok(None)
     }
 
-    /// Goes on from what another run has [`save`](Self::save)d.
+    /// Goes on from what another run has [`save`](Self::save)d, or begins anew beside it where that does not hold. Says why it begins anew
+    /// although it holds; none: it goes on.
     ///
     /// # Errors
     /// [`Error::Input`](m4gn_base::Error::Input) for what is no such state.
-    fn restore(&mut self, saved: &[u8]) -> Result<()> {
-        let _ = saved;
-        Ok(())
+    fn restore(&mut self, saved: &[u8], at: &Resumed) -> Result<Option<String>> {
+        let _ = (saved, at);
+        Ok(None)
     }
 }
 

@@ -139,8 +139,16 @@ void carriesOn()
     const std::string path = "ride-test.state";
     const m4gn_ride_answer asked = whole.solve();
     const int64_t index = whole.index;
+    whole.ride.conditions(R"({"nu": "1"})");
     whole.ride.save(path);
+    Host changed(options);
+    changed.index = index;
+    changed.ride.conditions(R"({"nu": "2"})");
+    REQUIRE(changed.ride.load(path, at(index)).action == M4GN_RIDE_SOLVE);
+    REQUIRE(contains(changed.ride.text(M4GN_RIDE_LOG), "under other conditions: nu was 1 and is 2"));
+    REQUIRE(m4gn_ride_conditions(changed.ride.get(), "[]") == M4GN_ERROR_INPUT);
     Host next(options);
+    next.ride.conditions(R"({"nu": "1"})");
     // What the state points to stays where it is.
     std::copy(whole.fields.U.begin(), whole.fields.U.end(), next.fields.U.begin());
     std::copy(whole.fields.p.begin(), whole.fields.p.end(), next.fields.p.begin());

@@ -434,6 +434,7 @@ FORWARD(m4gn_ride_advanced,
     (ride, now, state, answer))
 FORWARD(m4gn_ride_old_level, (const m4gn_ride* ride, double before, double* const* arrays), (ride, before, arrays))
 FORWARD(m4gn_ride_reported, (m4gn_ride * ride, const double* values, int32_t n_values), (ride, values, n_values))
+FORWARD(m4gn_ride_conditions, (m4gn_ride * ride, const char* conditions), (ride, conditions))
 FORWARD(m4gn_ride_spent, (m4gn_ride * ride, double surrogate, double hand_over), (ride, surrogate, hand_over))
 FORWARD(m4gn_ride_handed_back,
     (m4gn_ride * ride, const m4gn_ride_step* now, const double* const* state, const m4gn_ride_quantity* quantities,

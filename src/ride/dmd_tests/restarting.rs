@@ -1,0 +1,118 @@
+//! A run of a fit that is carried on.
+
+use super::*;
+use std::path::Path;
+
+fn keeping(folder: &Path) -> String {
+    SETTINGS.replace("\"initialJump\"", &format!("\"file\": {:?}, \"initialJump\"", folder.join("states")))
+}
+
+/// A run to a time, saved there under these conditions.
+fn stopped(folder: &Path, at: f64, conditions: &str) -> Host {
+    let mut host = Host::new(&keeping(folder), 0.0, 0, 25.0, solver(0.0, 1e9));
+    host.run(1e9, |h| h.time > at - 1e-9);
+    host.ride.made_under(conditions).unwrap();
+    host.ride.save(&folder.join("ride.state")).unwrap();
+    host
+}
+
+/// The host that goes on from it, and what it is told.
+fn carried_on(folder: &Path, from: &Host, settings: &str, conditions: &str) -> (Host, Answer) {
+    let mut host = Host::new(settings, from.time, from.index, 25.0, from.u.clone());
+    host.ride.made_under(conditions).unwrap();
+    let now = host.now();
+    let answer = host.with(|ride, state| ride.load(&folder.join("ride.state"), now, state)).unwrap();
+    host.listen();
+    (host, answer)
+}
+
+fn bits(host: &Host) -> Vec<u64> {
+    host.u.iter().map(|v| v.to_bits()).collect()
+}
+
+#[test]
+fn a_run_that_is_carried_on_in_a_jump_and_beside_the_solver_has_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("states");
+    let settings = SETTINGS.replace("\"initialJump\"", &format!("\"file\": {:?}, \"initialJump\"", file));
+    // In the second jump, between two samples of the solver, and where the last states are all the same.
+    for (broken, at) in [(1e9, 7.65), (1e9, 9.05), (1e9, 4.9), (-4.0, 6.9)] {
+        let mut whole = Host::new(&settings, 0.0, 0, 25.0, solver(0.0, broken));
+        whole.run(broken, |_| false);
+        let path = folder.path().join("ride.state");
+        let mut first = Host::new(&settings, 0.0, 0, 25.0, solver(0.0, broken));
+        first.run(broken, |h| h.time > at - 1e-9);
+        first.ride.save(&path).unwrap();
+        let mut second = Host::new(&settings, first.time, first.index, 25.0, first.u.clone());
+        let now = second.now();
+        let answer = second.with(|ride, state| ride.load(&path, now, state)).unwrap();
+        let stopped = second.go_on(&answer, &|_| false);
+        assert!(!stopped);
+        second.run(broken, |_| false);
+        assert_eq!(bits(&whole), bits(&second), "{at}: {:?} {:?}", whole.jumps, second.jumps);
+        assert_eq!(whole.jumps.last(), second.jumps.last());
+    }
+}
+
+/// Times beside the solver, and in the second jump.
+const TIMES: [f64; 2] = [4.9, 7.65];
+
+#[test]
+fn what_was_fitted_under_other_conditions_is_dropped_and_what_has_changed_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = keeping(folder.path());
+    for at in TIMES {
+        let first = stopped(folder.path(), at, r#"{"inlet": [1.0, 0.0], "scheme": "Euler"}"#);
+        let (same, answer) =
+            carried_on(folder.path(), &first, &settings, r#"{"inlet": [1.00001, 0.0], "scheme": "Euler"}"#);
+        assert!(!same.log.contains("other conditions"), "{}", same.log);
+        assert_eq!(answer.action == Action::Stride, at > 7.0);
+        let (mut other, answer) =
+            carried_on(folder.path(), &first, &settings, r#"{"inlet": [1.5, 0.0], "scheme": "Euler"}"#);
+        assert_eq!(answer.action, Action::Solve);
+        let line = "goes on from its state at time";
+        assert!(
+            other.log.contains(line) && other.log.contains("other conditions: inlet was"),
+            "{}",
+            other.log
+        );
+        // Its waves are others from here on: a window of them comes before the first jump, and a stride beside the solver.
+        other.run(at, |_| false);
+        let window = 23.0 * 0.2;
+        assert!(other.jumps.first().is_some_and(|(_, end)| *end > at + window + 0.2), "{:?}", other.jumps);
+        assert!(largest(&other.u, &solver(other.time, at)) < 1e-6);
+        // What earlier times are carried on from is still there.
+        other.ride.save(&folder.path().join("later.state")).unwrap();
+        let (again, _) =
+            carried_on(folder.path(), &first, &settings, r#"{"inlet": [1.0, 0.0], "scheme": "Euler"}"#);
+        assert!(!again.log.contains("other conditions"), "{}", again.log);
+    }
+}
+
+#[test]
+fn the_rest_of_a_jump_is_taken_though_the_solver_has_made_a_field_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut whole = Host::new(&keeping(folder.path()), 0.0, 0, 25.0, solver(0.0, 1e9));
+    whole.run(1e9, |_| false);
+    let mut first = stopped(folder.path(), TIMES[1], "{}");
+    first.u.iter_mut().for_each(|v| *v += 0.5);
+    let (mut second, answer) = carried_on(folder.path(), &first, &keeping(folder.path()), "{}");
+    assert_eq!(answer.action, Action::Stride);
+    second.go_on(&answer, &|_| false);
+    second.run(1e9, |_| false);
+    assert_eq!(bits(&whole), bits(&second));
+    assert_eq!(whole.jumps.last(), second.jumps.last());
+}
+
+#[test]
+fn an_observer_carries_on_a_run_that_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = keeping(folder.path()).replace("\"replace\"", "\"observe\"");
+    for at in TIMES {
+        let first = stopped(folder.path(), at, "{}");
+        let (mut host, answer) = carried_on(folder.path(), &first, &settings, "{}");
+        assert_eq!(answer.action, Action::Solve);
+        host.run(1e9, |_| false);
+        assert!(host.jumps.is_empty() && host.log.contains("begins to observe"), "{}", host.log);
+    }
+}
