@@ -19,26 +19,6 @@ bool isFunction(const word& name)
     return names.found(name);
 }
 
-//- Has a dictionary a function of time?
-bool hasFunction(const dictionary& dict)
-{
-    for (const entry& e : dict) {
-        // solids4foam has tables of this name
-        if (e.keyword().ends_with("Series")) {
-            return true;
-        }
-        if (e.isDict()) {
-            if (hasFunction(e.dict())) {
-                return true;
-            }
-        } else if (
-            e.stream().size() && e.stream().first().isWord() && isFunction(e.stream().first().wordToken())) {
-            return true;
-        }
-    }
-    return false;
-}
-
 //- By chance: a random number for each time
 bool isRandom(const word& type)
 {
@@ -66,7 +46,7 @@ template <class Patch> bool changes(const Patch& patch)
     IStringStream is(os.str());
     dictionary dict(is);
     dict.remove("value");
-    return hasFunction(dict);
+    return m4gnPrescribed::hasFunction(dict);
 }
 
 template <class Patch> void refuse(const word& name, const Patch& patch)
@@ -78,6 +58,25 @@ template <class Patch> void refuse(const word& name, const Patch& patch)
 }
 
 } // End anonymous namespace
+
+bool Foam::m4gnPrescribed::hasFunction(const dictionary& dict)
+{
+    for (const entry& e : dict) {
+        // solids4foam has tables of this name
+        if (e.keyword().ends_with("Series")) {
+            return true;
+        }
+        if (e.isDict()) {
+            if (hasFunction(e.dict())) {
+                return true;
+            }
+        } else if (
+            e.stream().size() && e.stream().first().isWord() && isFunction(e.stream().first().wordToken())) {
+            return true;
+        }
+    }
+    return false;
+}
 
 template <class Type>
 void Foam::m4gnPrescribed::find(const word& name, DynamicList<Tuple2<word, label>>& found) const

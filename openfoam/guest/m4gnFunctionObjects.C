@@ -93,3 +93,9 @@ Foam::wordHashSet Foam::m4gnFunctionObjects::chosen(
 
     return watching;
 }
+
+bool Foam::m4gnFunctionObjects::reportsSolves(const functionObject& object, const Time& time)
+{
+    static const wordHashSet types({"residuals", "solverInfo"});
+    return types.found(typeOf(object, time));
+}

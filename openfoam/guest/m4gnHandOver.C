@@ -3,6 +3,7 @@
 #include "m4gnHandOver.H"
 #include "m4gnDictionary.H"
 #include "m4gnCaseChecks.H"
+#include "m4gnPrescribed.H"
 #include "StringStream.H"
 #include "cloud.H"
 #include "surfaceFields.H"
@@ -129,6 +130,42 @@ Foam::string Foam::m4gn::unsupported(const fvMesh& mesh)
                 why << "the source " << e.keyword()
                     << " of fvOptions begins or ends in the run (timeStart, duration)";
                 return why.str();
+            }
+        }
+    }
+    return string();
+}
+
+Foam::string Foam::m4gn::changingSources(const fvMesh& mesh)
+{
+    const auto asksForTime = [](const dictionary& dict) {
+        for (const entry& e : dict) {
+            OStringStream code;
+            if (e.isStream() && e.keyword().starts_with("code")) {
+                for (const token& t : e.stream()) {
+                    code << t;
+                }
+            }
+            const std::string text(code.str());
+            if (text.find("time()") != std::string::npos || text.find("deltaT") != std::string::npos) {
+                return true;
+            }
+        }
+        return false;
+    };
+    for (const word file : {"fvOptions", "MRFProperties", "porosityProperties"}) {
+        const auto* dict = mesh.findObject<dictionary>(file);
+        for (const entry& e : dict ? *dict : dictionary()) {
+            if (!e.isDict() || !e.dict().getOrDefault<bool>("active", true)) {
+                continue;
+            }
+            bool changes = m4gnPrescribed::hasFunction(e.dict()) || asksForTime(e.dict())
+                           || e.dict().getOrDefault<word>("type", word::null).starts_with("tabulated");
+            for (const entry& own : e.dict()) {
+                changes = changes || (own.isDict() && asksForTime(own.dict()));
+            }
+            if (changes) {
+                return string(e.keyword() + " of " + file);
             }
         }
     }

@@ -6,6 +6,7 @@
 #include "m4gnHandOver.H"
 #include "m4gnNodeTypes.H"
 #include "m4gnOwnFields.H"
+#include "m4gnSchemeFields.H"
 #include "directionMixedFvPatchFields.H"
 #include "mixedFvPatchFields.H"
 #include "pointFields.H"
@@ -30,7 +31,7 @@ bool positive(const word& name, const dimensionSet& dimensions)
 bool isRead(const regIOobject& object)
 {
     return object.writeOpt() == IOobject::AUTO_WRITE && object.readOpt() != IOobject::NO_READ
-           && !object.name().ends_with("Mean");
+           && !object.name().ends_with("Mean") && !m4gn::isOfScheme(object.name());
 }
 
 //- Does the solver go on from it? What it reads and writes, and what it keeps beside (enthalpy, compressibility, stress): those
@@ -43,8 +44,7 @@ bool isState(const regIOobject& object)
         return name.ends_with(end) && object.db().found(name.substr(0, name.size() - strlen(end)));
     };
     return !beside("_0") && !beside("PrevIter") && !name.starts_with("m4gn")
-           && (isRead(object) || !object.ownedByRegistry() || name.starts_with("ddt0(")
-               || name.starts_with("ddtCorrDdt0("));
+           && (isRead(object) || !object.ownedByRegistry() || m4gn::isOfScheme(name));
 }
 
 template <class Type> scalar* numbers(Field<Type>& values)
@@ -225,8 +225,8 @@ template <class FieldType> void Foam::m4gnState::describe(const FieldType& field
 }
 
 Foam::m4gnState::m4gnState(
-    const fvMesh& mesh, const bool whole, const bool observes, const m4gnNodes* nodes, const wordList& inputs,
-    const wordList& outputs)
+    const fvMesh& mesh, const wordHashSet& atStart, const bool whole, const bool observes,
+    const m4gnNodes* nodes, const wordList& inputs, const wordList& outputs)
     : mesh_(mesh), whole_(whole), nodes_(nodes), outputs_(outputs), nOldLevels_(0)
 {
     DynamicList<label> withValues, others;
@@ -255,7 +255,9 @@ Foam::m4gnState::m4gnState(
     DynamicList<word> found, read, beside;
     fields_ = mesh.sortedNames<regIOobject>();
     each([&](auto& field) {
-        const bool state = whole && isState(field);
+        const word& name = field.name();
+        const bool there = atStart.empty() || isRead(field) || m4gn::isOfScheme(name) || atStart.found(name);
+        const bool state = whole && there && isState(field);
         if (state || ofNetwork.found(field.name())) {
             found.append(field.name());
         }

@@ -85,10 +85,11 @@ template <class Call> m4gn_ride_answer Foam::m4gnHybridRun::ask(const Call& call
 }
 
 Foam::m4gnHybridRun::m4gnHybridRun(
-    const word& name, const fvMesh& mesh, const dictionary& dict, m4gnSession* session, m4gnState& state)
+    const word& name, const fvMesh& mesh, const dictionary& dict, m4gnSession* session, m4gnState& state,
+    const m4gnConditions& conditions)
     : name_(name), mesh_(mesh), dict_(dict), observes_(dict.get<word>("mode") == "observe"),
-      session_(session), state_(state), kinds_(kinds(dict)), ride_(nullptr), quantities_(quantities(dict)),
-      tables_(4)
+      session_(session), state_(state), conditions_(conditions), kinds_(kinds(dict)), ride_(nullptr),
+      quantities_(quantities(dict)), tables_(4)
 {
     dictionary own(dict);
     own.set("name", name);
@@ -199,6 +200,13 @@ bool Foam::m4gnHybridRun::setOldLevels(const scalar deltaT)
         state_.put(before);
     }
     return state_.nOldLevels();
+}
+
+void Foam::m4gnHybridRun::putPresent()
+{
+    const std::vector<double*> places(state_.places());
+    m4gn::check(m4gn_ride_old_level(ride_, 0, places.data()), "m4gnSurrogate cannot carry on");
+    state_.put();
 }
 
 m4gn_ride_answer Foam::m4gnHybridRun::advanced(const m4gn_ride_answer& asked)

@@ -108,11 +108,15 @@ void Foam::m4gnHybridRun::save()
         mkDir(path.path());
     }
     returnReduce(true, andOp<bool>());
+    m4gn::check(
+        m4gn_ride_conditions(ride_, conditions_.now(state_.fields()).c_str()),
+        "m4gnSurrogate cannot write its state");
     m4gn::check(m4gn_ride_save(ride_, path.c_str()), "m4gnSurrogate cannot write its state");
 }
 
-bool Foam::m4gnHybridRun::load(m4gn_ride_answer& answer)
+bool Foam::m4gnHybridRun::load(const std::string& conditions, m4gn_ride_answer& answer)
 {
+    m4gn::check(m4gn_ride_conditions(ride_, conditions.c_str()), "m4gnSurrogate cannot carry on");
     const m4gn_ride_step step(now());
     const fileName path(stateFile(name_, mesh_.time(), mesh_.time().timeName()));
     const std::vector<const double*> state(state_.gather());

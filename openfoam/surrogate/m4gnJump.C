@@ -42,22 +42,21 @@ public:
     //  time step ahead counts as written, so that the solver's own steps meet
     //  it. After a step as long as the surrogate's that would be times that
     //  the solver has yet to come to: count again with the solver's deltaT.
-    static void restore(Time& time)
+    static void restore(Time& time, const scalar last)
     {
         const auto control = time.*(&clockwork::writeControl_);
 
         if (control == Time::wcRunTime || control == Time::wcAdjustableRunTime) {
             label& index = time.*(&clockwork::writeTimeIndex_);
-            const scalar passed = time.value() - time.startTime().value() + 0.5 * time.deltaTValue();
-
-            index = min(index, label(passed / (time.*(&clockwork::writeInterval_))));
+            index = min(index, writesPassed(time, last, 0));
         }
     }
 
     //- Times are written at the run's start plus multiples of the write
     //  interval. A run that is carried on between two of them, where a stride
-    //  ended, goes on with those of the run before: they began at `from`.
-    static void carryOn(Time& time, const scalar from)
+    //  ended, goes on with those of the run before: they began at `from`. The
+    //  last of them; the run's start, where it is one.
+    static scalar carryOn(Time& time, const scalar from)
     {
         const auto control = time.*(&clockwork::writeControl_);
 
@@ -67,12 +66,23 @@ public:
             const scalar last = from + std::floor(passed + 1e-6) * interval;
 
             if (time.value() - last > 1e-6 * interval) {
-                time.*(&clockwork::startTime_) = last;
-                const scalar since = time.value() - last + 0.5 * time.deltaTValue();
-                time.*(&clockwork::writeTimeIndex_) = label(since / interval);
+                time.*(&clockwork::writeTimeIndex_) = writesPassed(time, last, 0);
+                return last;
             }
         }
+        return time.startTime().value();
     }
+
+    //- Write times since the last one in so many steps
+    static label writesPassed(const Time& time, const scalar last, const scalar nSteps)
+    {
+        const scalar since = time.value() - last + (nSteps + 0.5) * time.deltaTValue();
+        return label(since / (time.*(&clockwork::writeInterval_)));
+    }
+
+    static scalar& start(Time& time) { return time.*(&clockwork::startTime_); }
+
+    static label& written(Time& time) { return time.*(&clockwork::writeTimeIndex_); }
 
     //- The old levels are those of a step of this length: that is what
     //  deltaT0 will be in the next one
@@ -128,22 +138,45 @@ void writeProperties(Time& time)
 void Foam::m4gnJump::executeOthers(const scalar deltaT) const
 {
     functionObjectList& list = time_.functionObjects();
+    // In a run that is carried on within a jump
+    const bool solved = !m4gn::solverPerformance(mesh_).empty();
 
     forAll(list, i) {
-        if (list[i].name() != name_ && others_.found(list[i].name())) {
+        const bool reports = solved || !m4gnFunctionObjects::reportsSolves(list[i], time_);
+        if (reports && list[i].name() != name_ && others_.found(list[i].name())) {
             runAt(list[i], time_, deltaT);
         }
     }
 }
 
-void Foam::m4gnJump::carryOnWriting(Time& time, const scalar from) { clockwork::carryOn(time, from); }
+void Foam::m4gnJump::carryOnWriting(const scalar from) { writesFrom_ = clockwork::carryOn(time_, from); }
+
+void Foam::m4gnJump::beforeFirstStep()
+{
+    if (writesFrom_ != clockwork::start(time_)
+        && clockwork::writesPassed(time_, writesFrom_, 1) > clockwork::written(time_))
+    {
+        time_.writeOnce();
+    }
+}
+
+void Foam::m4gnJump::afterFirstStep()
+{
+    if (writesFrom_ != clockwork::start(time_)) {
+        clockwork::start(time_) = writesFrom_;
+        clockwork::written(time_) =
+            max(clockwork::written(time_), clockwork::writesPassed(time_, writesFrom_, 0));
+    }
+}
+
+void Foam::m4gnJump::precede(Time& time, const scalar deltaT) { clockwork::precede(time, deltaT); }
 
 Foam::m4gnJump::m4gnJump(
     const word& name, const fvMesh& mesh, const dictionary& dict, m4gnHybridRun& run, m4gnState& state,
     PtrList<m4gnCompletion>& completions)
     : mesh_(mesh), time_(const_cast<Time&>(mesh.time())), run_(run), state_(state), completions_(completions),
       completion_(of(0)), name_(name), others_(m4gnFunctionObjects::chosen(name, mesh.time(), dict)),
-      stale_(mesh), last_({-1, false, 0})
+      stale_(mesh), last_({-1, false, 0}), writesFrom_(mesh.time().startTime().value())
 {
     if (mesh_.moving() || mesh_.changing()) {
         FatalErrorInFunction << "mode replace does not handle a mesh that moves or changes"
@@ -159,7 +192,10 @@ void Foam::m4gnJump::advance(const m4gn_ride_answer& answer)
     }
     clockwork::count(time_, answer.solver_steps);
     time_.setDeltaT(answer.duration, false);
+    const scalar start = clockwork::start(time_);
+    clockwork::start(time_) = writesFrom_;
     ++time_;
+    clockwork::start(time_) = start;
     if (completion_) {
         completion_->advance(state_, answer.duration);
     } else if (answer.whole) {
@@ -280,7 +316,7 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
         return false;
     }
 
-    clockwork::restore(time_);
+    clockwork::restore(time_, writesFrom_);
 
     if (time_.value() > time_.endTime().value() - 0.5 * deltaT) {
         // Stopped from outside (stopAt, a signal): Time ends a run in an

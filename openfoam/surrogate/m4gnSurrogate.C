@@ -8,9 +8,11 @@
 #include "m4gnElasticSmoothing.H"
 #include "m4gnFluxProjection.H"
 #include "m4gnFunctionObjects.H"
+#include "m4gnHandOver.H"
 #include "m4gnHybridRun.H"
 #include "m4gnJump.H"
 #include "m4gnRelaxation.H"
+#include "m4gnSchemeFields.H"
 #include "m4gnVersion.H"
 #include "Time.H"
 
@@ -26,8 +28,8 @@ addToRunTimeSelectionTable(functionObject, m4gnSurrogate, dictionary);
 bool Foam::functionObjects::m4gnSurrogate::jumping_ = false;
 
 //- Properties that are kept for a restart: the time that write times count from, and the solver's time step (s) within a jump,
-//  in which Time has that of the surrogate; 0: outside of one
-static const Foam::word writesFrom("writesFrom"), solverDeltaT("solverDeltaT");
+//  in which Time has that of the surrogate; 0: outside of one; the step before the state that is handed back (s)
+static const Foam::word writesFrom("writesFrom"), solverDeltaT("solverDeltaT"), stepBefore("stepBefore");
 
 void Foam::functionObjects::m4gnSurrogate::checkOthers() const
 {
@@ -74,12 +76,24 @@ void Foam::functionObjects::m4gnSurrogate::load()
     }
     if (session_) {
         state_.reset(new m4gnState(
-            mesh_, fitted, !replaces_, &session_->nodes(), session_->inputs(), session_->outputs()));
+            mesh_, atStart_, fitted, !replaces_, &session_->nodes(), session_->inputs(),
+            session_->outputs()));
     } else {
-        state_.reset(new m4gnState(mesh_, fitted, !replaces_));
+        state_.reset(new m4gnState(mesh_, atStart_, fitted, !replaces_));
     }
-    run_.reset(new m4gnHybridRun(name(), mesh_, dict_, session_.get(), *state_));
+    if (!conditions_) {
+        conditions_.reset(new m4gnConditions(mesh_));
+    }
+    run_.reset(new m4gnHybridRun(name(), mesh_, dict_, session_.get(), *state_, *conditions_));
     if (replaces_) {
+        const string changing(m4gn::changingSources(mesh_));
+        if (changing.size()) {
+            FatalErrorInFunction << "mode replace cannot jump over what changes in time by itself: "
+                                 << changing.c_str() << nl
+                                 << "    Expected sources and zones that stay as they are;"
+                                 << " use mode observe" << exit(FatalError);
+        }
+        conditions_->refuseMemory();
         jump_.reset(new m4gnJump(name(), mesh_, dict_, *run_, *state_, completions_));
         setProperty(writesFrom, time_.startTime().value());
     }
@@ -101,8 +115,12 @@ void Foam::functionObjects::m4gnSurrogate::jump()
         return;
     }
 
+    conditions_->refuseMemory();
     jumping_ = true;
     setProperty(solverDeltaT, time_.deltaTValue());
+    // A fit hands back old levels of the solver's own step
+    const bool completed = completions_.set(pending_.surrogate);
+    setProperty(stepBefore, completed ? pending_.duration : time_.deltaTValue());
     const bool jumped = jump_->run(pending_, *this);
     setProperty(solverDeltaT, scalar(0));
     jumping_ = false;
@@ -132,6 +150,24 @@ void Foam::functionObjects::m4gnSurrogate::resume()
         return;
     }
 
+    scalar deltaT = 0;
+    getProperty(solverDeltaT, deltaT);
+    Time& time = const_cast<Time&>(time_);
+    if (deltaT > 0) {
+        if (time_.isAdjustTimeStep()) {
+            // Time was written with the surrogate's
+            time.setDeltaT(deltaT, false);
+        }
+        scalar before = deltaT;
+        getProperty(stepBefore, before);
+        m4gnJump::precede(time, before);
+    }
+    if (!replaces_) {
+        Log << type() << ' ' << name() << ": begins to observe at time " << time_.timeName()
+            << "; what it kept as it replaced the solver is not taken up" << endl;
+        return;
+    }
+
     // Where a type was told by the flow, it stays that of the run's start
     dictionary types(dict_.subOrEmptyDict("nodeTypes"));
     for (const entry& stored : m4gnHybridRun::storedTypes(name(), time_)) {
@@ -142,40 +178,42 @@ void Foam::functionObjects::m4gnSurrogate::resume()
     dict_.set("nodeTypes", types);
     scalar from = time_.startTime().value();
     getProperty(writesFrom, from);
+    m4gn::readSchemeFields(mesh_);
     load();
+    const std::string conditions(conditions_->now(state_->fields()));
 
     // The surrogate goes on from what it has predicted
     bool restored = false;
     forAll(completions_, i) {
         restored = (completions_.set(i) && completions_[i].beforeStride()) || restored;
     }
-    scalar deltaT = 0;
-    getProperty(solverDeltaT, deltaT);
-    if (deltaT > 0 && time_.isAdjustTimeStep()) {
-        // Time was written with the surrogate's
-        const_cast<Time&>(time_).setDeltaT(deltaT, false);
-    }
     m4gn_ride_answer answer{};
-    if (!run_->load(answer)) {
+    const bool loaded = run_->load(conditions, answer);
+    if (answer.action == M4GN_RIDE_SOLVE) {
         forAll(completions_, i) {
             if (restored && completions_.set(i)) {
                 completions_[i].complete(time_.deltaTValue(), true);
             }
         }
+    } else if (!completions_.set(answer.surrogate)) {
+        // What the solver's models have made anew at their start is that of the jump again
+        run_->putPresent();
+    }
+    if (!loaded) {
         return;
     }
-    if (replaces_) {
-        m4gnJump::carryOnWriting(const_cast<Time&>(time_), from);
-        setProperty(writesFrom, time_.startTime().value());
-    }
+    jump_->carryOnWriting(from);
+    setProperty(writesFrom, jump_->writesFrom());
     follow(answer);
     jump();
+    jump_->beforeFirstStep();
 }
 
 Foam::functionObjects::m4gnSurrogate::m4gnSurrogate(
     const word& name, const Time& runTime, const dictionary& dict)
     : fvMeshFunctionObject(name, runTime, dict), m4gnActiveSurrogate(name), replaces_(false),
-      timeStart_(-VGREAT), timeEnd_(VGREAT), executed_(runTime.startTimeIndex()), started_(false), pending_()
+      timeStart_(-VGREAT), timeEnd_(VGREAT), executed_(runTime.startTimeIndex()), steps_(0), started_(false),
+      pending_()
 {
     read(dict);
 
@@ -273,6 +311,11 @@ bool Foam::functionObjects::m4gnSurrogate::execute()
     // What does not fit is said now, and not after the hours to timeStart
     load();
 
+    // A condition with a state of its own shows in two steps
+    if (replaces_ && ++steps_ == 2) {
+        conditions_->refuseMemory();
+    }
+
     const m4gn_ride_answer answer = run_->solved();
 
     // What a run that is carried on from here begins with
@@ -297,8 +340,12 @@ bool Foam::functionObjects::m4gnSurrogate::filesModified() const
         started_ = true;
 
         if (!postProcess && time_.timeIndex() == time_.startTimeIndex()) {
+            own.atStart_ = wordHashSet(mesh_.thisDb().names());
+            own.conditions_.reset(new m4gnConditions(mesh_));
             own.resume();
         }
+    } else if (jump_) {
+        own.jump_->afterFirstStep();
     }
 
     // All function objects have seen the solver's step

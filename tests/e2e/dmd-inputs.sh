@@ -24,6 +24,15 @@ ride "$dmd"
 expect_log 'the input U at inlet will be other'
 close_to ../plain 0.01 3/U
 
+# With a state of its own, which is no field
+clean_case
+inlet 'type fixedValue; value uniform (0.2 0 0);'
+cp 0/p p
+foamDictionary -entry boundaryField/outlet -set '{ type plenumPressure; gamma 1.4; R 287.04; rho 1; supplyMassFlowRate 0; supplyTotalTemperature 300;
+    plenumVolume 1; plenumDensity 1.1624; plenumTemperature 300; inletAreaRatio 1; inletDischargeCoefficient 1; timeScale 1e-4; value uniform 1e5; }' 0/p > log.set
+refused 'p at outlet plenum' icoFoam
+mv p 0/p
+
 # By chance
 clean_case
 inlet 'type turbulentInlet; referenceField uniform (0.2 0 0); fluctuationScale (0.02 0.01 0.01); value uniform (0.2 0 0);'
