@@ -2,6 +2,7 @@
 
 use m4gn_data::Split;
 use m4gn_engine::torch::LIBRARY;
+use m4gn_mesh::NodeType;
 use m4gn_model::Model;
 use m4gn_samples::training as sample;
 use std::path::{Path, PathBuf};
@@ -149,6 +150,77 @@ fn every_kind_learns_one_trajectory_by_heart() {
         println!("{kind}: {left:.4} of persistence");
         assert!(left < 0.05, "{kind}: {text}");
     }
+}
+
+/// What a training says of its validation is what 'm4gn validate' says of the model: of flows whose pressure has no level, too.
+#[test]
+fn a_training_and_a_validation_measure_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir(at("data")).unwrap();
+    let mut mesh = m4gn_samples::mesh::triangles(6, 4, 1.5, 1.0);
+    // Closed, so that a rollout's pressure drifts
+    mesh.boundary.iter_mut().filter(|b| b.kind == NodeType::Outlet).for_each(|b| b.kind = NodeType::Wall);
+    for (number, split) in [Split::Train, Split::Valid, Split::Valid].into_iter().enumerate() {
+        sample::write_trajectory_on(&at(&format!("data/{number}.h5")), &mesh, number, split, 70 - 9 * number)
+            .unwrap();
+    }
+    for output in ["value", "delta"] {
+        let config = sample::config("validation_interval = 8").replace(
+            "name = \"p\", input = true, output = \"value\"",
+            &format!("name = \"p\", input = true, output = \"{output}\""),
+        );
+        std::fs::write(at("config.toml"), config).unwrap();
+        let out = format!("{output}.safetensors");
+        let trained = train(folder.path(), &out, &["--steps", "8", "--json", "f.json"]);
+        assert!(trained.status.success(), "{trained:?}");
+        m4gn(
+            folder.path(),
+            &["validate", "--model", &out, "--data", "data", "--split", "valid", "--json", "v.json"],
+        );
+        let read = |name: &str| {
+            serde_json::from_slice::<serde_json::Value>(&std::fs::read(at(name)).unwrap()).unwrap()
+        };
+        let (training, validation) = (read("f.json"), read("v.json"));
+        let log = std::fs::read_to_string(at(&format!("{output}.csv"))).unwrap();
+        let (head, last) = (log.lines().next().unwrap(), log.lines().last().unwrap());
+        let of_log = |column: &str| -> f64 {
+            let place = head.split(',').position(|c| c == column).unwrap();
+            last.split(',').nth(place).unwrap().parse().unwrap()
+        };
+        for (key, held) in [("rmse_1", "persistence"), ("rmse_50", "hold_first"), ("rmse_all", "hold_first")]
+        {
+            let number = |v: &serde_json::Value| v.as_f64().unwrap();
+            let p = &validation["fields"]["p"];
+            let column = format!("{held}_{}", &key[5..]);
+            for (found, expected) in [
+                (number(&training["model"][key]), number(&validation["model"][key])),
+                (of_log(key), number(&validation["model"][key])),
+                (of_log(&format!("{key}_p")), number(&p["model"][key])),
+                (number(&training[held][key]), number(&validation[held][key])),
+                (of_log(&format!("{column}_p")), number(&p[held][key])),
+            ] {
+                assert!((found / expected - 1.0).abs() < 1e-4, "p {output}, {key}: {found} and {expected}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_training_has_its_files_for_itself() {
+    let folder = folder();
+    // Of another ending, with the same checkpoint and log
+    let held = m4gn_base::lock::file(&folder.path().join("a.checkpoint")).unwrap();
+    let refused = message(&train(folder.path(), "a.safetensors", &["--steps", "4"]));
+    let expected = format!("a.checkpoint: is being written by process {} on ", std::process::id());
+    assert!(refused.contains(&expected), "{refused}");
+    assert!(!folder.path().join("a.csv").exists() && !folder.path().join("a.safetensors").exists());
+    drop(held);
+    assert!(train(folder.path(), "a.safetensors", &["--steps", "4"]).status.success());
+    let left = std::fs::read_dir(folder.path())
+        .unwrap()
+        .map(|e| e.unwrap().file_name().to_string_lossy().into_owned());
+    assert!(left.collect::<Vec<_>>().iter().all(|name| !name.contains("lock")));
 }
 
 #[test]

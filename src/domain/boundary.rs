@@ -259,7 +259,7 @@ mod tests {
         assert_eq!(frame, [3.0, 4.0, 2f32.ln(), 3.0, 4.0, 0.5f32.ln()]);
         let spec = ModelSpec { fields, ..m4gn_samples::model::spec() };
         let components = crate::Components::new(&spec);
-        let off = components.mean_square(&[2], &frame[..3], &frame[3..], 1);
+        let off = components.mean_square(&[2], &frame[..3], &frame[3..], 0..1);
         assert!((off - 1.5f64.powi(2)).abs() < 1e-6);
     }
 

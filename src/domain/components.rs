@@ -67,14 +67,22 @@ impl Components {
         self.fields[self.field[component]].floor
     }
 
-    /// Mean square, over the cells (of which there are `cells`) and these components, of the difference of the physical fields of two
-    /// frames.
-    pub fn mean_square(&self, components: &[usize], a: &[f32], b: &[f32], cells: usize) -> f64 {
-        let rows = a.chunks_exact(self.count).zip(b.chunks_exact(self.count)).take(cells);
-        let squares = rows.flat_map(|(a, b)| {
-            let off = |i: usize| self.physical(i, a[i]) - self.physical(i, b[i]);
-            components.iter().map(move |&i| off(i).powi(2))
-        });
-        squares.sum::<f64>() / (cells * components.len()) as f64
+    /// Mean square, over these nodes and components, of the difference of the physical fields of two frames.
+    pub fn mean_square(
+        &self,
+        components: &[usize],
+        a: &[f32],
+        b: &[f32],
+        nodes: impl Iterator<Item = usize>,
+    ) -> f64 {
+        let (mut sum, mut count) = (0.0, 0);
+        for node in nodes {
+            for at in components.iter().map(|i| node * self.count + i) {
+                let i = at % self.count;
+                sum += (self.physical(i, a[at]) - self.physical(i, b[at])).powi(2);
+            }
+            count += components.len();
+        }
+        sum / count.max(1) as f64
     }
 }

@@ -22,7 +22,7 @@ pub use kind::{Kind, Statistics, check_kind, moves, operator, shared};
 use m4gn_base::Result;
 use m4gn_mesh::Mesh;
 use m4gn_model::modal::ModalSource;
-use m4gn_model::{ModelSpec, SegmentSpec};
+use m4gn_model::{Level, ModelSpec, SegmentSpec};
 use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 use m4gn_structure::coarse::Coarse;
@@ -48,6 +48,17 @@ pub trait Domain: Debug + Send + Sync {
     /// Whether the edges are others in each state.
     fn moves(&self) -> bool {
         self.mesh_edges().is_some()
+    }
+
+    /// Takes off a state what its flow does not know, the level of a pressure, as a host's is taken off before each step.
+    fn take_level_off(&self, _state: &mut [f32]) {}
+
+    /// From the derivative by a state without its levels, `state`, to that by the one that had them.
+    fn take_level_off_backward(&self, _state: &[f32], _d_state: &mut [f32]) {}
+
+    /// Components of which [`Domain::take_level_off`] takes a level off, and where it is read; none where there is nothing to take.
+    fn levels(&self) -> Option<(&[usize], &Level)> {
+        None
     }
 
     /// Gives the graph the edges of a state of its local nodes, whose ghosts are filled first, and those of coarser graphs, which stay,

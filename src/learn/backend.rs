@@ -78,6 +78,8 @@ pub struct Rollout {
     pub frame: usize,
     /// Model steps.
     pub steps: usize,
+    /// Whether each of them starts from the recorded frame before it.
+    pub single: bool,
 }
 
 /// The native engine, or libtorch. What it computes does not depend on its threads.
@@ -91,7 +93,8 @@ pub trait Backend {
     /// What the backend may fail with.
     fn learn(&mut self, weights: &[f32], normaliser: &Normaliser, batch: &Batch) -> Result<Learned>;
 
-    /// For each rollout, step after step, of each predicted field: the mean squared errors of the model and of holding the first frame.
+    /// For each rollout, step after step, of each predicted field: the mean squared errors of the model and of holding the recorded frame that it
+    /// started from, over the nodes that are not held.
     ///
     /// # Errors
     /// What the backend may fail with.

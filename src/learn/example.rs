@@ -69,7 +69,9 @@ impl NativeBackend<'_> {
             let new = match step < batch.unroll {
                 true => {
                     scales.output.to_physical(&mut outputs);
-                    domain.advance(&state, &outputs, &next)
+                    let mut new = domain.advance(&state, &outputs, &next);
+                    domain.take_level_off(&mut new);
+                    new
                 }
                 false => Vec::new(),
             };
@@ -99,13 +101,14 @@ impl NativeBackend<'_> {
         let stride = self.work.frames_a_step;
         let mut by_inputs = InputGradient::default();
         let (mut inputs, mut unread) = (Vec::new(), Vec::new());
-        // Derivative by the state behind the step.
-        let mut behind: Option<Vec<f32>> = None;
+        // Derivative by the state behind the step, and that state.
+        let mut behind: Option<(Vec<f32>, &[f32])> = None;
         for (step, (application, loss)) in applied.iter().zip(&d_outputs).enumerate().rev() {
             let graph = application.graph.as_ref().map_or(base, |g| &g.0);
             let mut d = loss.clone();
             let mut d_state = None;
-            if let Some(mut behind) = behind.take() {
+            if let Some((mut behind, state)) = behind.take() {
+                domain.take_level_off_backward(state, &mut behind);
                 let mut physical = vec![0.0; d.len()];
                 d_state = Some(domain.advance_backward(&mut behind, &mut physical));
                 for (d, physical) in d.chunks_exact_mut(m).zip(physical.chunks_exact(m)) {
@@ -143,7 +146,7 @@ impl NativeBackend<'_> {
             if let (Some((_, edges)), Some(d)) = (&application.graph, &by_inputs.edges) {
                 domain.edges_backward(edges, d, &mut d_state);
             }
-            behind = Some(d_state);
+            behind = Some((d_state, &application.state));
         }
         Ok(())
     }

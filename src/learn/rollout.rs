@@ -14,11 +14,12 @@ impl NativeBackend<'_> {
     /// Errors of a rollout, as [`Backend::roll_out`](super::backend::Backend::roll_out) has them.
     pub(crate) fn roll_one(&self, model: &Model, rollout: &Rollout) -> Result<Vec<[f64; 2]>> {
         let (sample, c) = (&self.work.valid[rollout.sample], &self.components);
+        let free: Vec<usize> = (0..sample.n_cells()).filter(|node| !sample.domain.is_held(*node)).collect();
         let (domain, comm) = (&*sample.domain, Comm::serial());
         let stride = self.work.frames_a_step;
         let frame = |step: usize| sample.state(rollout.frame + step * stride, false);
-        let first = frame(0)?;
-        let mut state = first.clone();
+        let mut start = frame(0)?;
+        let mut state = start.clone();
         let options = EngineOptions {
             precision: self.precision,
             edges_move: domain.moves(),
@@ -35,11 +36,14 @@ impl NativeBackend<'_> {
             let next = frame(step)?;
             let outputs = stepper.predict(&comm, domain, &mut state, &next)?;
             state = domain.advance(&state, outputs, &next);
+            domain.take_level_off(&mut state);
             let both =
-                |field| [&state, &first].map(|from| c.mean_square(field, from, &next, sample.n_cells()));
+                |field| [&state, &start].map(|from| c.mean_square(field, from, &next, free.iter().copied()));
             errors.extend(c.predicted().map(both));
-            // There is no graph of a body that has flown apart.
-            if domain.moves() && !state.iter().all(|v| v.is_finite()) {
+            if rollout.single {
+                state.clone_from(&next);
+                start = next;
+            } else if domain.moves() && !state.iter().all(|v| v.is_finite()) {
                 break;
             }
         }

@@ -52,7 +52,7 @@ impl Workload {
         let frames = (0..last).step_by(last.div_ceil(32).max(1));
         let changes = frames.map(|frame| {
             let (now, then) = (sample.frame(frame)?, sample.frame(frame + self.frames_a_step)?);
-            Ok(c.mean_square(c.headline(), &now, &then, sample.n_cells()))
+            Ok(c.mean_square(c.headline(), &now, &then, 0..sample.n_cells()))
         });
         let changes = changes.collect::<Result<Vec<f64>>>()?;
         Ok(changes.iter().sum::<f64>() / changes.len().max(1) as f64)

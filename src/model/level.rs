@@ -67,6 +67,34 @@ impl Level {
         }
     }
 
+    /// Boundary faces that it is read at, where there are any on any rank.
+    pub fn outlets(&self) -> &[usize] {
+        &self.outlets
+    }
+
+    /// Volumes of the cells that it is the mean over, where there is no outlet.
+    pub fn volumes(&self) -> Option<&[f64]> {
+        self.volumes.as_ref().map(|volumes| &volumes.cells[..])
+    }
+
+    /// What [`Level::of`] is by these values, of one rank that has the whole mesh: nodes, cells and then boundary faces, and shares.
+    pub fn shares<T: Copy + Into<f64>>(&self, cells: &[T], boundary: &[T]) -> Vec<(usize, f64)> {
+        let at = |face: &&usize| -> f64 { boundary[**face].into() };
+        match &self.volumes {
+            Some(volumes) => {
+                let all = volumes.sum;
+                let share =
+                    |(cell, volume): (usize, &f64)| (cell, if all > 0.0 { volume / all } else { 0.0 });
+                volumes.cells.iter().enumerate().map(share).collect()
+            }
+            None => {
+                let order = |a: &&usize, b: &&usize| at(a).total_cmp(&at(b));
+                let ends = [self.outlets.iter().min_by(order), self.outlets.iter().max_by(order)];
+                ends.into_iter().flatten().map(|face| (cells.len() + face, 0.5)).collect()
+            }
+        }
+    }
+
     /// Takes the level off values of one rank that has the whole mesh.
     pub fn take_off(&self, cells: &mut [f32], boundary: &mut [f32]) {
         let level = self.of(cells, boundary, &Comm::serial());

@@ -75,7 +75,8 @@ impl Trainer<'_> {
         report.line(&format!("best at step {step}, {field}: {errors}; {}", self.request.out.display()));
         let figures = serde_json::json!({
             "model": { "rmse_1": v.rmse_1[0], "rmse_50": v.rmse_horizon[0], "rmse_all": v.rmse_all[0] },
-            "persistence": { "rmse_1": v.rmse_1[1], "rmse_50": v.rmse_horizon[1], "rmse_all": v.rmse_all[1] },
+            "persistence": { "rmse_1": v.rmse_1[1] },
+            "hold_first": { "rmse_50": v.rmse_horizon[1], "rmse_all": v.rmse_all[1] },
             "best_step": step,
             "steps": self.progress.step,
             "samples": self.progress.samples,

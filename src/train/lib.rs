@@ -10,6 +10,7 @@ mod data_checks;
 mod data_set;
 pub mod delta;
 mod diagnostics;
+pub mod errors;
 mod finish;
 mod log;
 mod memory;

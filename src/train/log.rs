@@ -8,12 +8,12 @@ use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Errors of a validation and of holding the first frame, in the units of a predicted field.
+/// Errors of a validation ([`super::errors::Figures`]) and of holding the frame that it starts from, in the units of a predicted field.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Validation {
-    /// After one step: model, persistence.
+    /// Of single steps: model, persistence.
     pub rmse_1: [f64; 2],
-    /// Over rollouts of the validation horizon.
+    /// Over the first frames of rollouts: model, the first frame held.
     pub rmse_horizon: [f64; 2],
     /// Over whole trajectories.
     pub rmse_all: [f64; 2],
@@ -39,27 +39,27 @@ impl Validation {
         std::array::from_fn(|i| format!("{:.6e}", pairs[i % 3][i / 3]))
     }
 
-    /// The three errors by name: model, persistence.
-    fn named(&self) -> [(&'static str, [f64; 2]); 3] {
-        [("RMSE-1", self.rmse_1), ("RMSE-50", self.rmse_horizon), ("RMSE-all", self.rmse_all)]
+    /// The three errors by name: of the model and of the frame that is held, and what holding it is called.
+    fn told(&self, part: impl Fn(f64, f64, &str) -> String) -> String {
+        let all = [
+            ("RMSE-1", self.rmse_1, "persistence"),
+            ("RMSE-50", self.rmse_horizon, "hold first"),
+            ("RMSE-all", self.rmse_all, "hold first"),
+        ];
+        let parts = all.map(|(name, [model, held], whose)| {
+            format!("{name} {} ({})", number(model, 4), part(model, held, whose))
+        });
+        parts.join(", ")
     }
 
-    /// The errors, each with its percentage of persistence: `RMSE-1 0.001234 (12.3 % of persistence), ...`.
+    /// The errors, each with its percentage of holding a frame: `RMSE-1 0.001234 (12.3 % of persistence), ...`.
     pub fn relative(&self) -> String {
-        let parts = self.named().map(|(name, [model, held])| {
-            let of = if name == "RMSE-1" { " of persistence" } else { "" };
-            format!("{name} {} ({}{of})", number(model, 4), percent(Some(model / held)))
-        });
-        parts.join(", ")
+        self.told(|model, held, whose| format!("{} of {whose}", percent(Some(model / held))))
     }
 
-    /// The errors, each with that of persistence: `RMSE-1 0.001234 (0.01002 persistence), ...`.
+    /// The errors, each with that of holding a frame: `RMSE-1 0.001234 (0.01002 persistence), ...`.
     pub fn absolute(&self) -> String {
-        let parts = self.named().map(|(name, [model, held])| {
-            let whose = if name == "RMSE-1" { " persistence" } else { "" };
-            format!("{name} {} ({}{whose})", number(model, 4), number(held, 4))
-        });
-        parts.join(", ")
+        self.told(|_, held, whose| format!("{} {whose}", number(held, 4)))
     }
 
     /// What is compared to find the best weights: the geometric mean of two of the errors relative to persistence. With
@@ -85,7 +85,7 @@ impl Validation {
 
 /// Columns of a field's validation.
 const ERRORS: [&str; 6] =
-    ["rmse_1", "rmse_50", "rmse_all", "persistence_1", "persistence_50", "persistence_all"];
+    ["rmse_1", "rmse_50", "rmse_all", "persistence_1", "hold_first_50", "hold_first_all"];
 
 /// One row.
 #[derive(Clone, Debug, PartialEq)]
@@ -171,7 +171,7 @@ impl Journal {
                 rows.push(row);
             }
         }
-        std::fs::write(path, text).map_err(fail)?;
+        files::write_whole(path, text.as_bytes())?;
         let file = OpenOptions::new().append(true).open(path).map_err(fail)?;
         Ok(Journal { path: path.to_path_buf(), file, fields: fields.len(), rows })
     }
@@ -232,11 +232,11 @@ mod tests {
         };
         assert_eq!(
             v.relative(),
-            "RMSE-1 1.250e-6 (50.0 % of persistence), RMSE-50 0.001250 (10.0 %), RMSE-all - (-)"
+            "RMSE-1 1.250e-6 (50.0 % of persistence), RMSE-50 0.001250 (10.0 % of hold first), RMSE-all - (- of hold first)"
         );
         assert_eq!(
             v.absolute(),
-            "RMSE-1 1.250e-6 (2.500e-6 persistence), RMSE-50 0.001250 (0.01250), RMSE-all - (12345)"
+            "RMSE-1 1.250e-6 (2.500e-6 persistence), RMSE-50 0.001250 (0.01250 hold first), RMSE-all - (12345 hold first)"
         );
     }
 

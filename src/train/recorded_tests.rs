@@ -48,7 +48,7 @@ fn a_file_that_vanishes_is_named_by_the_step_that_needs_it() {
     std::fs::remove_file(&path).unwrap();
     let message = backend.learn(&weights, &normaliser, &batch).unwrap_err().to_string();
     assert!(message.contains("000.h5: cannot be read"), "{message}");
-    let rollout = Rollout { sample: 0, frame: 0, steps: 1 };
+    let rollout = Rollout { sample: 0, frame: 0, steps: 1, single: false };
     assert!(backend.roll_out(&weights, &normaliser, &[rollout]).is_err());
     assert!(work.weights(&spec, 1.0).is_err());
 }

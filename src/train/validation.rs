@@ -1,5 +1,6 @@
-//! A validation: rollouts of the validation trajectories, by which the best weights are chosen.
+//! A validation: rollouts of the validation trajectories, by which the best weights are chosen, measured as `m4gn validate` does.
 
+use super::errors::{Figures, SquaredError};
 use super::log::Validation;
 use super::report::Report;
 use super::trainer::Trainer;
@@ -17,47 +18,35 @@ impl Trainer<'_> {
         let fields: Vec<String> = self.predicted().map(String::from).collect();
         let weights = self.optimiser.best_guess().to_vec();
         let stride = self.work.frames_a_step;
-        let short = (HORIZON / stride).max(1);
-        // (kind of rollout, job); the long ones first, so that the threads end together.
-        let mut plan = Vec::new();
-        for (sample, s) in self.work.valid.iter().enumerate() {
-            let steps = (s.n_frames - 1) / stride;
-            plan.push((2, sample, 0, steps));
-            let short = short.min(steps);
-            for part in 1..3 {
-                plan.push((1, sample, (s.n_frames - 1 - short * stride) * part / 2, short));
-            }
-            for part in 0..8 {
-                plan.push((0, sample, (s.n_frames - 1 - stride) * part / 7, 1));
-            }
-        }
-        plan.sort_by_key(|p| std::cmp::Reverse(p.0));
-        let rollouts: Vec<Rollout> =
-            plan.iter().map(|&(_, sample, frame, steps)| Rollout { sample, frame, steps }).collect();
+        // Of each trajectory the rollout from the first frame, then single steps from each frame at the stride.
+        let steps: Vec<usize> = self.work.valid.iter().map(|s| (s.n_frames - 1) / stride).collect();
+        let rollouts = |(sample, &steps): (usize, &usize)| {
+            [false, true].map(|single| Rollout { sample, frame: 0, steps, single })
+        };
+        let plan: Vec<Rollout> = steps.iter().enumerate().flat_map(rollouts).collect();
         let n = fields.len();
         let outcomes =
-            roll_out_together(self.comm, &mut *self.backend, &weights, &self.normaliser, &rollouts, n)?;
-        // Of each field sums of (model, persistence) squared errors and counts, of the three figures.
-        let mut sums = vec![[[0.0; 3]; 3]; n];
-        for (plan, errors) in plan.iter().zip(outcomes) {
-            let mut add = |figure: usize, errors: &[[f64; 2]]| {
-                for (i, [model, held]) in errors.iter().enumerate() {
-                    let parts = [*model, *held, 1.0];
-                    sums[i % n][figure].iter_mut().zip(parts).for_each(|(sum, x)| *sum += x);
-                }
+            roll_out_together(self.comm, &mut *self.backend, &weights, &self.normaliser, &plan, n)?;
+        // Of field k the figures of the model, or of the frame that is held, each the mean over the trajectories.
+        let mean = |k: usize, whose: usize| {
+            let errors = |all: &[[f64; 2]]| -> Vec<SquaredError> {
+                all.iter().skip(k).step_by(n).map(|both| SquaredError::of_mean(both[whose])).collect()
             };
-            add(plan.0, &errors);
-            if plan.0 == 2 {
-                add(1, &errors[..(n * short).min(errors.len())]);
-            }
-        }
-        let root = |[model, held, n]: [f64; 3]| [(model / n).sqrt(), (held / n).sqrt()];
-        let of = |[one, horizon, all]: [[f64; 3]; 3]| Validation {
-            rmse_1: root(one),
-            rmse_horizon: root(horizon),
-            rmse_all: root(all),
+            let pairs = outcomes.as_chunks::<2>().0.iter().zip(&steps);
+            let figures = |([rollout, single], &steps): (&[Vec<_>; 2], &usize)| {
+                Figures::of(&errors(single), &errors(rollout), [(HORIZON / stride).max(1), steps], false)
+            };
+            Figures::mean(pairs.map(figures).collect::<Vec<_>>().iter())
         };
-        let all: Vec<Validation> = sums.into_iter().map(of).collect();
+        let of = |k: usize| {
+            let [model, held] = [mean(k, 0), mean(k, 1)];
+            Validation {
+                rmse_1: [model.rmse_1, held.rmse_1],
+                rmse_horizon: [model.rmse_50, held.rmse_50],
+                rmse_all: [model.rmse_all, held.rmse_all],
+            }
+        };
+        let all: Vec<Validation> = (0..n).map(of).collect();
         let validation = all[0];
         let earlier = self.progress.best.as_ref().map(|(_, earlier)| earlier);
         let better = validation.replaces(earlier, self.config.training.best_of);

@@ -147,7 +147,8 @@ impl Learner {
                 }
             }
             if step < batch.unroll {
-                state = self.stepper.advance(&scales, &boundary, &state, &output, &next);
+                let new = self.stepper.advance(&scales, &boundary, &state, &output, &next);
+                state = Stepper::without_levels(&domains, new);
                 graph = contact::at_state(graph, &domains, &state)?;
                 edges = contact::edge_features(&graph, &state);
             }
@@ -176,9 +177,9 @@ impl Learner {
             let (cells, boundary) = sample.frame(rollout.frame + step * self.frames_a_step, self.device)?;
             Ok(State { cells, boundary })
         };
-        let error = |field: &[usize], a: &Tensor, b: &Tensor| {
+        let error = |field: &[usize], a: &Tensor, b: &Tensor, free: &Tensor| {
             let physical = |x: &Tensor| {
-                let part = x.narrow(1, field[0] as i64, field.len() as i64);
+                let part = x.index_select(0, free).narrow(1, field[0] as i64, field.len() as i64);
                 match self.components.floor(field[0]) {
                     Some(floor) => part.exp().clamp_min(floor),
                     None => part,
@@ -187,18 +188,26 @@ impl Learner {
             (physical(a) - physical(b)).square().mean(Kind::Double).double_value(&[])
         };
         let mut state = read(0)?;
-        let start = state.cells.shallow_clone();
+        let mut start = state.cells.shallow_clone();
         let mut errors = Vec::new();
         let domains = [sample.domain(false)];
+        // Held points do not count.
+        let free: Vec<i64> = (0..state.cells.size()[0]).filter(|p| !domains[0].is_held(*p as usize)).collect();
+        let free = Tensor::from_slice(&free).to_device(self.device);
         for step in 1..=rollout.steps {
             let graph = contact::at_state(sample.topologies[0].share(), &domains, &state)?;
             let edges = contact::edge_features(&graph, &state);
             let next = read(step)?;
             let inputs = self.stepper.inputs(&domains, &state, &next)?;
             let output = self.stepper.predict(&network, &graph, (&inputs, &edges), &scales);
-            state = self.stepper.advance(&scales, &sample.boundary, &state, &output, &next);
-            let both = |field| [&state.cells, &start].map(|from| error(field, from, &next.cells));
+            let new = self.stepper.advance(&scales, &sample.boundary, &state, &output, &next);
+            state = Stepper::without_levels(&domains, new);
+            let both = |field| [&state.cells, &start].map(|from| error(field, from, &next.cells, &free));
             errors.extend(self.components.predicted().map(both));
+            if rollout.single {
+                start = next.cells.shallow_clone();
+                state = next;
+            }
         }
         Ok(errors)
     }

@@ -148,6 +148,49 @@ impl Stepper {
         State { cells, boundary }
     }
 
+    /// The state without the levels of its pressures, as [`Domain::take_level_off`] has it, part by part of the union.
+    pub fn without_levels(domains: &[&dyn Domain], state: State) -> State {
+        if domains.iter().all(|d| d.levels().is_none()) {
+            return state;
+        }
+        let (mut cells, mut boundary) = (Vec::new(), Vec::new());
+        let (mut first_cell, mut first_face) = (0, 0);
+        for domain in domains {
+            let faces = domain.boundary().owners().count() as i64;
+            let inner = domain.boundary().n_inner as i64;
+            let of_cells = state.cells.narrow(0, first_cell, inner);
+            let of_faces = state.boundary.narrow(0, first_face, faces);
+            (first_cell, first_face) = (first_cell + inner, first_face + faces);
+            let width = of_cells.size()[1];
+            let mut shift = Tensor::zeros([1, width], (of_cells.kind(), of_cells.device()));
+            for (column, level) in
+                domain.levels().iter().flat_map(|(c, level)| c.iter().map(move |c| (*c, level)))
+            {
+                let at = |t: &Tensor| t.select(1, column as i64);
+                let value = match (level.outlets(), level.volumes()) {
+                    (_, Some(volumes)) => {
+                        let whole = volumes.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+                        let shares: Vec<f32> = volumes.iter().map(|v| (v / whole) as f32).collect();
+                        (at(&of_cells) * Tensor::from_slice(&shares).to_device(of_cells.device()))
+                            .sum(None::<tch::Kind>)
+                    }
+                    (outlets, None) => {
+                        let outlets: Vec<i64> = outlets.iter().map(|&face| face as i64).collect();
+                        let outlets = Tensor::from_slice(&outlets).to_device(of_faces.device());
+                        let values = at(&of_faces).index_select(0, &outlets);
+                        (values.max() + values.min()) * 0.5
+                    }
+                };
+                let mut one = vec![0f32; width as usize];
+                one[column] = 1.0;
+                shift += Tensor::from_slice(&one).to_device(of_cells.device()) * value;
+            }
+            cells.push(of_cells - &shift);
+            boundary.push(of_faces - &shift);
+        }
+        State { cells: Tensor::cat(&cells, 0), boundary: Tensor::cat(&boundary, 0) }
+    }
+
     /// Boundary values for cell values: the owner's, or prescribed.
     pub fn boundary_values(cells: &Tensor, owners: &Tensor, copies: &Tensor, prescribed: &Tensor) -> Tensor {
         prescribed + (cells.index_select(0, owners) - prescribed) * copies

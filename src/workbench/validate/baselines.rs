@@ -2,11 +2,11 @@
 
 use super::prediction::{FieldErrors, Prediction};
 use super::scene::Scene;
-use crate::errors::SquaredError;
 use m4gn_base::Result;
 use m4gn_dmd::{FitSettings, OnlineDmd, Settings, Storage};
 use m4gn_parallel::Comm;
 use m4gn_state::Array;
+use m4gn_train::errors::SquaredError;
 use std::borrow::Cow;
 
 /// The row of a baseline on a scene.
@@ -48,13 +48,17 @@ fn persistence(scene: &Scene) -> Result<Prediction> {
     Ok(row(scene, ("persistence", "persistence"), &last, &last))
 }
 
-/// The line through the two recorded frames before; through the first one alone at first.
+/// The line through the two recorded frames before. There is none in the first step, which does not count.
 fn extrapolation(scene: &Scene) -> Result<Prediction> {
     let line = |k: usize, i: usize| {
         let pairs = scene.truth(k, i).iter().zip(scene.truth(k, i.saturating_sub(1)));
         Cow::Owned(pairs.map(|(a, b)| 2.0 * a - b).collect())
     };
-    Ok(row(scene, ("extrapolation", "extrapolation"), &line, &line))
+    let mut row = row(scene, ("extrapolation", "extrapolation"), &line, &line);
+    for errors in row.fields.iter_mut().flat_map(|f| [&mut f.single, &mut f.rollout]) {
+        errors.iter_mut().take(1).for_each(|first| *first = SquaredError::default());
+    }
+    Ok(row)
 }
 
 /// A surrogate that is fitted to the frames before (higher-order dynamic mode decomposition), a stride ahead; where they are too few for

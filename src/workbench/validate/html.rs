@@ -2,12 +2,12 @@
 
 use super::summary::{summaries, that_count};
 use super::{Case, Prediction, pictures};
-use crate::errors::SquaredError;
 use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
 use m4gn_report::seconds;
 use m4gn_report::{Chart, Page, Series};
+use m4gn_train::errors::SquaredError;
 
 type Colour = (u8, u8, u8);
 

@@ -29,7 +29,7 @@ pub use prediction::{FieldErrors, Keep, Prediction};
 pub use scene::{Given, Scene, Step, predicted};
 pub use series::write as write_series;
 pub use shape::Shape;
-pub use summary::{Figures, Row, Summary, headline, json, summaries};
+pub use summary::{Row, Summary, headline, json, summaries};
 
 use m4gn_base::{Error, Result};
 use m4gn_data::{Split, Trajectory, list};
@@ -41,6 +41,7 @@ use m4gn_structure::diameter;
 use std::path::{Path, PathBuf};
 
 pub use m4gn_train::HORIZON;
+pub use m4gn_train::errors::Figures;
 
 /// Steps of a trajectory: the progress of [`run`] is called that often.
 pub fn steps(pace: Pace) -> usize {

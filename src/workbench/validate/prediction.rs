@@ -1,7 +1,7 @@
 //! What comes of one way to predict.
 
-use crate::errors::SquaredError;
 use m4gn_domain::body::quality::Quality;
+use m4gn_train::errors::SquaredError;
 use std::collections::BTreeMap;
 
 /// Parts of a rollout after which there are pictures.

@@ -2,15 +2,16 @@
 
 use super::prediction::{FieldErrors, Keep, Prediction};
 use super::{pace::Pace, shape::Shape};
-use crate::errors::SquaredError;
 use m4gn_base::{Error, Result};
 use m4gn_data::{Frame, Trajectory};
 use m4gn_domain::Boundary;
 use m4gn_domain::body::quality::Quality;
 use m4gn_mesh::Mesh;
 use m4gn_mesh::vector::Vector;
-use m4gn_model::{FieldSpec, Output};
+use m4gn_model::{FieldSpec, Level, Output};
+use m4gn_parallel::Comm;
 use m4gn_step::{Field, FieldMut};
+use m4gn_train::errors::SquaredError;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -50,6 +51,8 @@ pub struct Scene<'a> {
     given: Vec<Track>,
     /// Displacement of the obstacle's points, m; empty without obstacle.
     motion: Vec<Vec<Vector>>,
+    /// Where the level of a predicted pressure is read, which its flow does not know: recorded frames are without it, and so are predicted ones.
+    level: Level,
     shape: Option<Shape<'a>>,
 }
 
@@ -93,6 +96,7 @@ impl<'a> Scene<'a> {
             tracks: predicted(fields).into_iter().map(track).collect::<Result<_>>()?,
             given: fields.iter().filter(|f| f.is_given()).map(track).collect::<Result<_>>()?,
             motion: motion.into_iter().map(wide).collect(),
+            level: Level::new(mesh, &Comm::serial()),
             shape: Shape::new(trajectory),
         })
     }
@@ -235,13 +239,11 @@ impl<'a> Scene<'a> {
             quality: self.shape.as_ref().map(|_| Vec::new()),
             ..Prediction::default()
         };
-        let start = self.tracks.iter().map(|t| t.recorded[0].0.clone());
-        let mut next: Vec<Vec<f64>> = start.collect();
         for i in 0..steps {
-            let state: Vec<_> = self.tracks.iter().map(|t| &t.recorded[i]).collect();
-            self.step(step, (i, true), &state, &mut next, &mut p.seconds)?;
+            let mut state = self.state(i);
+            self.step(step, (i, true), &mut state, &mut p.seconds)?;
             for (k, errors) in p.fields.iter_mut().enumerate() {
-                errors.single.push(self.error(k, &next[k], i + 1));
+                errors.single.push(self.error(k, &state[k].0, i + 1));
             }
             progress()?;
         }
@@ -286,19 +288,12 @@ impl<'a> Scene<'a> {
         seconds: &mut (f64, usize),
         visit: &mut dyn FnMut(usize, &[Values]) -> Result<()>,
     ) -> Result<Option<String>> {
-        let mut state: Vec<Values> = self.tracks.iter().map(|t| t.recorded[first].clone()).collect();
-        let mut next: Vec<Vec<f64>> = state.iter().map(|s| s.0.clone()).collect();
+        let mut state = self.state(first);
         for i in first..first + steps {
-            let now: Vec<_> = state.iter().collect();
-            match self.step(step, (i, i == first), &now, &mut next, seconds) {
+            match self.step(step, (i, i == first), &mut state, seconds) {
                 Ok(()) => {}
                 Err(Error::Numerical(why)) => return Ok(Some(format!("step {}: {why}", i + 1))),
                 Err(other) => return Err(other),
-            }
-            for ((track, next), (nodes, boundary)) in self.tracks.iter().zip(&next).zip(&mut state) {
-                nodes.clone_from(next);
-                let prescribed = &at(&track.recorded, i + 1).1;
-                track.boundary.impose(0, track.width, nodes, prescribed, boundary);
             }
             visit(i, &state)?;
         }
@@ -311,21 +306,21 @@ impl<'a> Scene<'a> {
         rows.map(|r| r.iter().map(|v| v * v).sum::<f64>().sqrt()).fold(0.0, f64::max)
     }
 
-    /// One step from a state, at the start of step `i`; whether that is the recorded one.
+    /// Takes a state over step `i`, from its start to its end; whether it is the recorded one.
     fn step(
         &self,
         step: &mut Step,
         (i, recorded): (usize, bool),
-        state: &[&Values],
-        next: &mut [Vec<f64>],
+        state: &mut [Values],
         seconds: &mut (f64, usize),
     ) -> Result<()> {
+        let mut next: Vec<Vec<f64>> = state.iter().map(|s| s.0.clone()).collect();
         let given = self.given.iter().map(|t| (t, at(&t.recorded, i)));
-        let states = self.tracks.iter().zip(state.iter().copied()).chain(given);
+        let states = self.tracks.iter().zip(&*state).chain(given);
         let fields: Vec<Field> = states
             .map(|(t, s)| Field { name: &t.spec.name, components: t.width, cells: &s.0, boundary: &s.1 })
             .collect();
-        let places = self.tracks.iter().zip(next);
+        let places = self.tracks.iter().zip(&mut next);
         let mut out: Vec<FieldMut> =
             places.map(|(t, cells)| FieldMut { name: &t.spec.name, components: t.width, cells }).collect();
         let given = Given { motion: [self.motion(i), self.motion(i + 1)], recorded };
@@ -333,7 +328,17 @@ impl<'a> Scene<'a> {
         let done = step(&fields, &mut out, given);
         seconds.0 += began.elapsed().as_secs_f64();
         seconds.1 += 1;
-        done
+        done?;
+        for ((track, next), (nodes, boundary)) in self.tracks.iter().zip(next).zip(state) {
+            *nodes = next;
+            let prescribed = &at(&track.recorded, i + 1).1;
+            track.boundary.impose(0, track.width, nodes, prescribed, boundary);
+            if track.spec.has_level() {
+                let level = self.level.of(nodes, boundary, &Comm::serial());
+                nodes.iter_mut().chain(boundary).for_each(|p| *p -= level);
+            }
+        }
+        Ok(())
     }
 }
 

@@ -1,57 +1,23 @@
 //! Figures of trajectories, together and one by one: tables for people, and the figures file.
 
 use super::{Case, FieldErrors, Pace, Prediction};
-use crate::errors::cumulative;
 use m4gn_data::Split;
 use m4gn_domain::body::quality::Quality;
 use m4gn_report::{Table, number};
+use m4gn_train::errors::Figures;
 use serde_json::{Map, Value, json};
 
-/// RMSE at the three horizons, in the unit of the field; infinite where a rollout became non-finite before, NaN where there is none.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Figures {
-    /// RMSE-1.
-    pub rmse_1: f64,
-    /// RMSE-50.
-    pub rmse_50: f64,
-    /// RMSE-all.
-    pub rmse_all: f64,
+/// As JSON; null where not finite.
+fn figures_json(f: Figures) -> Value {
+    json!({ "rmse_1": f.rmse_1, "rmse_50": f.rmse_50, "rmse_all": f.rmse_all })
 }
 
-impl Figures {
-    /// `diverged`: whether a rollout ended early; one that is not there has no figures.
-    fn of(errors: &FieldErrors, diverged: bool, pace: Pace, horizon: f64) -> Self {
-        let over = cumulative(&errors.rollout);
-        let at = |steps: usize| match steps.min(pace.steps) {
-            n if n <= over.len() => over[n - 1],
-            _ if over.is_empty() && !diverged => f64::NAN,
-            _ => f64::INFINITY,
-        };
-        Figures {
-            rmse_1: cumulative(&errors.single).last().copied().unwrap_or(f64::INFINITY),
-            rmse_50: at(pace.steps_within(horizon)),
-            rmse_all: at(pace.steps),
-        }
-    }
-
-    fn mean<'a>(all: impl Iterator<Item = &'a Figures> + Clone) -> Self {
-        let count = all.clone().count() as f64;
-        let mean = |of: fn(&Figures) -> f64| all.clone().map(of).sum::<f64>() / count;
-        Figures { rmse_1: mean(|f| f.rmse_1), rmse_50: mean(|f| f.rmse_50), rmse_all: mean(|f| f.rmse_all) }
-    }
-
-    /// As JSON; null where not finite.
-    fn json(self) -> Value {
-        json!({ "rmse_1": self.rmse_1, "rmse_50": self.rmse_50, "rmse_all": self.rmse_all })
-    }
-
-    fn cells(self) -> [String; 3] {
-        [self.rmse_1, self.rmse_50, self.rmse_all].map(|v| match v.is_finite() {
-            true => number(v, 3),
-            false if v.is_nan() => "-".into(),
-            false => "not finite".into(),
-        })
-    }
+fn figures_cells(f: Figures) -> [String; 3] {
+    [f.rmse_1, f.rmse_50, f.rmse_all].map(|v| match v.is_finite() {
+        true => number(v, 3),
+        false if v.is_nan() => "-".into(),
+        false => "not finite".into(),
+    })
 }
 
 /// A way to predict, and what it scores.
@@ -83,11 +49,13 @@ impl Row {
             ar: f64::INFINITY,
             inverted: f64::INFINITY,
         };
-        let fields = p.fields.iter();
+        let steps = [pace.steps_within(horizon), pace.steps];
+        let diverged = p.diverged.is_some();
+        let figures = |f: &FieldErrors| Figures::of(&f.single, &f.rollout, steps, diverged);
         Row {
             key: p.key,
             name: p.name,
-            figures: fields.map(|f| Figures::of(f, p.diverged.is_some(), pace, horizon)).collect(),
+            figures: p.fields.iter().map(figures).collect(),
             quality: p.quality.as_ref().map(|all| match p.diverged {
                 None => Quality::mean(all),
                 Some(_) => infinite,
@@ -122,7 +90,7 @@ impl Row {
     }
 
     fn json(&self) -> Value {
-        let mut row = self.figures[0].json();
+        let mut row = figures_json(self.figures[0]);
         let quality = self.quality.map(|q| {
             [
                 ("gf_h", q.gf_h),
@@ -219,7 +187,7 @@ impl Summary {
             let mut table = Table::new(columns);
             for row in &self.rows {
                 let mut cells = vec![row.name.to_string()];
-                cells.extend(row.figures[k].cells());
+                cells.extend(figures_cells(row.figures[k]));
                 if has_quality {
                     let quality = row.quality.map(|q| [q.gf_h, q.gf_c, q.mc, q.ar]);
                     cells.extend(quality.map_or([const { String::new() }; 4], |q| q.map(|v| number(v, 3))));
@@ -293,7 +261,7 @@ fn add_rows(figures: &mut Value, rows: &[Row], fields: &[(String, String)]) {
     for (k, (name, unit)) in fields.iter().enumerate().skip(1) {
         let mut other = json!({ "unit": unit });
         for row in rows {
-            other[row.key] = row.figures[k].json();
+            other[row.key] = figures_json(row.figures[k]);
         }
         others.insert(name.clone(), other);
     }

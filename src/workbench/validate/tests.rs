@@ -3,9 +3,9 @@
 
 use super::prediction::Prediction;
 use super::*;
-use crate::errors::SquaredError;
 use m4gn_domain::body::quality::Quality;
 use m4gn_mesh::NodeType;
+use m4gn_train::errors::SquaredError;
 use serde_json::Value;
 
 const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/solid.h5");
@@ -256,6 +256,31 @@ fn a_fit_needs_a_history() {
     assert_eq!(row("dmd").rmse_1, row("persistence").rmse_1);
     assert!(row("dmd").rmse_all.is_nan());
     assert!(json(&[case])["dmd"]["rmse_all"].is_null());
+}
+
+/// A line needs two frames: the first step is no line, and counts in neither figure.
+#[test]
+fn extrapolation_counts_from_its_second_step() {
+    let t = Trajectory::open(FILE).unwrap();
+    let fields = m4gn_samples::model::bodies().fields;
+    let pace = Pace::new(t.times(), 0.01).unwrap();
+    let scene = Scene::read(&t, &fields, pace).unwrap();
+    let case = Case::of(&t, &scene, &fields, None, Prediction::default()).unwrap();
+    let row = case.predictions.iter().position(|p| p.key == "extrapolation").unwrap();
+    let mut expected = SquaredError::default();
+    for i in 1..pace.steps {
+        let pairs = scene.truth(0, i).iter().zip(scene.truth(0, i - 1));
+        let line: Vec<f64> = pairs.map(|(a, b)| 2.0 * a - b).collect();
+        expected.add(scene.error(0, &line, i + 1));
+    }
+    assert!(expected.rmse() > 0.0);
+    assert_eq!(figures(&case, row), [expected.rmse(); 3]);
+    // One step alone has none.
+    let pace = Pace { frames: pace.steps, steps: 1, ..pace };
+    let scene = Scene::read(&t, &fields, pace).unwrap();
+    let case = Case::of(&t, &scene, &fields, None, Prediction::default()).unwrap();
+    assert!(figures(&case, row).iter().all(|f| f.is_nan()));
+    assert!(json(&[case])["extrapolation"]["rmse_1"].is_null());
 }
 
 /// A vortex that is carried along: once there are frames enough the fit knows the next one, where holding is off.
