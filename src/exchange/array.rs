@@ -16,52 +16,66 @@ pub struct Array {
 /// Arrays by name: one trajectory.
 pub type Arrays = BTreeMap<String, Array>;
 
-/// Types of numbers in files, little-endian.
+/// Names of the types that [`Dtype::named`] knows, for people.
+pub const TYPES: &str = "float32, float64, bool, int8 to int64 or uint8 to uint64";
+
+macro_rules! numbers {
+    ($($variant:ident $t:ty, $long:literal, $short:literal);*) => {
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        enum Number { $($variant),* }
+
+        impl Dtype {
+            /// By NumPy's names, long and short, these with a byte order.
+            pub fn named(name: &str) -> Option<Self> {
+                let bare = name.trim_start_matches(['<', '>', '|', '=']);
+                let number = match bare {
+                    $($long | $short => Number::$variant,)*
+                    _ => return None,
+                };
+                Some(Dtype { number, big: name.starts_with('>') })
+            }
+
+            /// NumPy's long name.
+            pub fn name(self) -> &'static str {
+                match self.number { $(Number::$variant => $long),* }
+            }
+
+            /// Bytes of a number.
+            pub fn size(self) -> usize {
+                match self.number { $(Number::$variant => size_of::<$t>()),* }
+            }
+
+            /// The numbers in these bytes; what is left over is left out.
+            pub fn decode(self, bytes: &[u8]) -> Vec<f64> {
+                match self.number {
+                    $(Number::$variant => {
+                        let number = |b: &[u8; size_of::<$t>()]| match self.big {
+                            true => <$t>::from_be_bytes(*b) as f64,
+                            false => <$t>::from_le_bytes(*b) as f64,
+                        };
+                        bytes.as_chunks().0.iter().map(number).collect()
+                    })*
+                }
+            }
+        }
+    };
+}
+
+/// A type of numbers in files, with its byte order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Dtype {
-    /// Single precision.
-    F32,
-    /// Double precision.
-    F64,
-    /// Signed, 4 bytes.
-    I32,
-    /// Signed, 8 bytes.
-    I64,
+pub struct Dtype {
+    number: Number,
+    big: bool,
 }
 
-impl Dtype {
-    /// By NumPy's names, long and short.
-    pub fn named(name: &str) -> Option<Self> {
-        Some(match name {
-            "float32" | "<f4" => Dtype::F32,
-            "float64" | "<f8" => Dtype::F64,
-            "int32" | "<i4" => Dtype::I32,
-            "int64" | "<i8" => Dtype::I64,
-            _ => return None,
-        })
-    }
-
-    /// Bytes of a number.
-    pub fn size(self) -> usize {
-        match self {
-            Dtype::F32 | Dtype::I32 => 4,
-            Dtype::F64 | Dtype::I64 => 8,
-        }
-    }
-
-    /// The numbers in these bytes; what is left over is left out.
-    pub fn decode(self, bytes: &[u8]) -> Vec<f64> {
-        match self {
-            Dtype::F32 => bytes.as_chunks().0.iter().map(|b| f64::from(f32::from_le_bytes(*b))).collect(),
-            Dtype::F64 => bytes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect(),
-            Dtype::I32 => bytes.as_chunks().0.iter().map(|b| f64::from(i32::from_le_bytes(*b))).collect(),
-            Dtype::I64 => bytes.as_chunks().0.iter().map(|b| i64::from_le_bytes(*b) as f64).collect(),
-        }
-    }
-}
+numbers!(
+    F32 f32, "float32", "f4"; F64 f64, "float64", "f8"; Bool u8, "bool", "b1";
+    I8 i8, "int8", "i1"; I16 i16, "int16", "i2"; I32 i32, "int32", "i4"; I64 i64, "int64", "i8";
+    U8 u8, "uint8", "u1"; U16 u16, "uint16", "u2"; U32 u32, "uint32", "u4"; U64 u64, "uint64", "u8"
+);
 
 impl Array {
-    /// What does not change in time: `[n, c]`, `[1, n, c]`, or the same in all frames `[T, n, c]`. The rows, `c` numbers each; `[n]` and
+    /// What does not change in time: `[n, c]`, `[1, n, c]`, or the same in all frames `[T, n, c]`, which is checked. The rows, `c` numbers each; `[n]` and
     /// `[1, n]` count as one number a row.
     pub fn fixed(&self, name: &str, c: usize, path: &Path) -> Result<&[f64]> {
         let shape = &self.shape[..];
@@ -73,8 +87,18 @@ impl Array {
                 return Err(Error::file(path, format!("{name} has shape {shape:?}, expected {wanted}")));
             }
         };
-        let rows = n.checked_mul(c).and_then(|count| self.data.get(..count));
-        rows.ok_or_else(|| Error::file(path, format!("{name} has shape {shape:?} and no frame")))
+        let size = n.checked_mul(c).filter(|size| *size > 0 && *size <= self.data.len());
+        let size =
+            size.ok_or_else(|| Error::file(path, format!("{name} has shape {shape:?} and no frame")))?;
+        let mut frames = self.data.chunks_exact(size);
+        let first = frames.next().unwrap_or_default();
+        match frames.position(|frame| frame != first) {
+            None => Ok(first),
+            Some(i) => Err(Error::file(
+                path,
+                format!("{name} of frame {} is another than that of frame 0: expected one that stays", i + 1),
+            )),
+        }
     }
 
     /// As [`Array::fixed`], whole numbers that are labels in `0..end`.

@@ -3,7 +3,7 @@
 
 use super::array::{Array, Arrays};
 use super::npz::MOST_OF_A_BYTE;
-use hdf5::types::{FloatSize, IntSize, TypeDescriptor};
+use hdf5::types::TypeDescriptor;
 use m4gn_base::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -49,15 +49,17 @@ impl Copies {
             let place = dataset.name();
             let failed = |e: hdf5::Error| Error::file(&self.path, format!("{place} cannot be read: {e}"));
             let kind = dataset.dtype().and_then(|t| t.to_descriptor()).map_err(failed)?;
-            let wide =
-                matches!(kind, TypeDescriptor::Integer(IntSize::U8) | TypeDescriptor::Float(FloatSize::U8));
-            if !wide
-                && !matches!(
-                    kind,
-                    TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_) | TypeDescriptor::Float(_)
-                )
-            {
-                continue;
+            match kind {
+                TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_) | TypeDescriptor::Float(_) => {}
+                TypeDescriptor::FixedAscii(_)
+                | TypeDescriptor::FixedUnicode(_)
+                | TypeDescriptor::VarLenAscii
+                | TypeDescriptor::VarLenUnicode => continue,
+                other => {
+                    let what =
+                        format!("{place} is of type {other}, expected whole or floating-point numbers");
+                    return Err(Error::file(&self.path, what));
+                }
             }
             let name = place.rsplit('/').next().unwrap_or_default().to_string();
             let mut shape = dataset.shape();
@@ -73,9 +75,18 @@ impl Copies {
             let data = match shape[..] {
                 [frames, n, c] if FIXED.contains(&&name[..]) && frames > 0 => {
                     shape = vec![n, c];
-                    dataset
-                        .read_slice::<f64, _, ndarray::Ix2>((0, .., ..))
-                        .map(|a| a.into_raw_vec_and_offset().0)
+                    let frame = |i: usize| {
+                        let read = dataset.read_slice::<f64, _, ndarray::Ix2>((i, .., ..));
+                        read.map(|a| a.into_raw_vec_and_offset().0).map_err(failed)
+                    };
+                    let first = frame(0)?;
+                    if frames > 1 && frame(frames - 1)? != first {
+                        let what = format!(
+                            "{place} of the last frame is another than that of frame 0: expected one that stays"
+                        );
+                        return Err(Error::file(&self.path, what));
+                    }
+                    Ok(first)
                 }
                 _ => dataset.read_raw::<f64>(),
             };

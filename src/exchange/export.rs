@@ -4,8 +4,7 @@ use super::{bodies, npz, points};
 use m4gn_base::{Error, Result};
 use m4gn_data::Trajectory;
 use m4gn_mesh::vector::moved;
-use m4gn_report::vtu::pvd;
-use m4gn_report::{Grid, write_file};
+use m4gn_report::{Grid, series, write_file};
 use std::path::Path;
 
 /// Writes the arrays of [`bodies::arrays`] or [`points::arrays`] as a NumPy archive.
@@ -36,9 +35,11 @@ pub fn to_vtu(trajectory: &Trajectory, path: &Path) -> Result<()> {
     let frames = trajectory.fields().iter().map(|f| Ok((f, trajectory.recorded_frames(&f.name)?)));
     let fields: Vec<_> = frames.collect::<Result<_>>()?;
     let kinds = if trajectory.triangles().is_empty() { vec![] } else { points::node_types(mesh) };
-    let name = path.file_stem().unwrap_or_default().to_string_lossy();
-    let mut files = Vec::new();
-    for (i, time) in trajectory.times().iter().enumerate() {
+    let times: Vec<_> = trajectory.times().iter().copied().enumerate().collect();
+    if times.is_empty() {
+        return Err(Error::file(trajectory.path(), "has no frame"));
+    }
+    for (i, file) in series::begin(path, &times)?.into_iter().enumerate() {
         let values = fields.iter().map(|(field, frames)| {
             let cells: Vec<f64> = frames[i].cells.iter().map(|v| f64::from(*v)).collect();
             if !field.vector {
@@ -58,12 +59,7 @@ pub fn to_vtu(trajectory: &Trajectory, path: &Path) -> Result<()> {
         };
         let kinds = (!kinds.is_empty()).then_some(("node_type", 1, &kinds[..]));
         let shown: Vec<_> = values.iter().map(|(name, c, v)| (*name, *c, &v[..])).chain(kinds).collect();
-        let file = format!("{name}_{i:04}.vtu");
-        write_file(&path.with_file_name(&file), grid.vtu(&places, &shown)?.as_bytes())?;
-        files.push((*time, file));
+        write_file(&file, grid.vtu(&places, &shown)?.as_bytes())?;
     }
-    match files.is_empty() {
-        true => Err(Error::file(trajectory.path(), "has no frame")),
-        false => write_file(path, pvd(&files).as_bytes()),
-    }
+    Ok(())
 }

@@ -19,6 +19,8 @@ pub mod weights;
 #[path = "../../tests/samples/records.rs"]
 mod records;
 #[cfg(test)]
+mod refused_tests;
+#[cfg(test)]
 #[path = "../../tests/samples/series.rs"]
 mod series;
 #[cfg(test)]

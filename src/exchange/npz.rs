@@ -1,6 +1,6 @@
 //! NumPy's archives: a zip file of arrays, stored or deflated, each behind a header that is a Python literal.
 
-use super::array::{Array, Arrays, Dtype};
+use super::array::{Array, Arrays, Dtype, TYPES};
 use flate2::Compression;
 use flate2::bufread::DeflateDecoder;
 use flate2::write::DeflateEncoder;
@@ -53,10 +53,10 @@ pub fn entries(path: &Path, wanted: impl Fn(&str) -> bool) -> Result<Vec<(String
     Ok(found)
 }
 
-/// The arrays of numbers of an archive; others, such as text, are left out.
+/// The arrays of numbers of an archive; text is left out.
 ///
 /// # Errors
-/// As [`entries`]; for an array whose header or length is wrong.
+/// As [`entries`]; for an array whose header or length is wrong, or that is of a type that is not read.
 pub fn read(path: &Path) -> Result<Arrays> {
     let mut arrays = Arrays::new();
     for (name, bytes) in entries(path, |name| name.ends_with(".npy"))? {
@@ -69,7 +69,7 @@ pub fn read(path: &Path) -> Result<Arrays> {
     Ok(arrays)
 }
 
-/// An array of the format of `numpy.save`; none of numbers of another type than the usual ones.
+/// An array of the format of `numpy.save`; none of text.
 fn npy(bytes: &[u8]) -> std::result::Result<Option<Array>, (usize, String)> {
     let wrong = |at: usize, what: &str| (at, what.to_string());
     let magic = bytes.get(..10).filter(|b| b.starts_with(b"\x93NUMPY"));
@@ -90,10 +90,14 @@ fn npy(bytes: &[u8]) -> std::result::Result<Option<Array>, (usize, String)> {
         Some(rest.trim_start())
     };
     let missing = |key: &str| (start, format!("the header has no usable '{key}': {header:.120}"));
-    let descr = value("descr").and_then(|v| v.strip_prefix('\'')?.split_once('\''));
-    let Some(dtype) = descr.and_then(|d| Dtype::named(d.0)) else {
-        return if value("descr").is_some() { Ok(None) } else { Err(missing("descr")) };
-    };
+    let descr = value("descr").ok_or_else(|| missing("descr"))?;
+    let kind = descr.strip_prefix('\'').and_then(|v| v.split_once('\'')).map_or(descr, |d| d.0);
+    if kind.trim_start_matches(['<', '>', '|', '=']).starts_with(['U', 'S']) {
+        return Ok(None);
+    }
+    let dtype = Dtype::named(kind).ok_or_else(|| {
+        (start, format!("numbers of type {kind:.40}, expected {TYPES}: convert them (astype)"))
+    })?;
     let fortran = match value("fortran_order") {
         Some(v) if v.starts_with("False") => false,
         Some(v) if v.starts_with("True") => true,
@@ -105,7 +109,7 @@ fn npy(bytes: &[u8]) -> std::result::Result<Option<Array>, (usize, String)> {
     let data = &bytes[end..];
     let expected = shape.iter().try_fold(dtype.size(), |a, n| a.checked_mul(*n));
     if expected != Some(data.len()) {
-        return Err((end, format!("{} bytes for the shape {shape:?} of {dtype:?}", data.len())));
+        return Err((end, format!("{} bytes for the shape {shape:?} of {}", data.len(), dtype.name())));
     }
     let data = dtype.decode(data);
     let data = if fortran { transposed(&shape, &data) } else { data };

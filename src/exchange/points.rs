@@ -138,13 +138,22 @@ pub(super) fn structure<'a>(
     Ok((places, cells, kinds))
 }
 
-/// An array with a row a point in each of two or more frames, as `[frames, points, components]`; none of another shape.
+/// An array with a row a point in each of two or more frames, as `[frames, points, components]`; none of a single number, and of times.
 pub(super) fn frames(arrays: &Arrays, name: &str, n: usize, path: &Path) -> Result<Option<Array>> {
     let Some(array) = arrays.get(name) else { return Ok(None) };
     let c = match array.shape[..] {
         [frames, rows] if frames > 1 && rows == n => 1,
         [frames, rows, c] if frames > 1 && rows == n && c > 0 => c,
-        _ => return Ok(None),
+        // A single number is a parameter.
+        _ if array.data.len() == 1 || ["dt", "times"].contains(&name) => return Ok(None),
+        _ => {
+            let what = format!(
+                "{name} has shape {:?}, expected [frames, {n}, components] with two frames or more, as all that is no mesh is a field: \
+                 bring it into this shape, or take it out",
+                array.shape
+            );
+            return Err(Error::file(path, what));
+        }
     };
     let wrong = |what: String| Error::file(path, what);
     refuse_any(array.data.iter().position(|v| !(*v as f32).is_finite()), wrong, |i| {
@@ -165,6 +174,13 @@ fn named<'a>(arrays: &'a Arrays, names: &[&'static str], path: &Path) -> Result<
 /// Time between frames, s: what the arrays say, else `dt`. That of a quasi-static data set is 0.
 pub(super) fn interval(arrays: &Arrays, dt: Option<f64>, path: &Path) -> Result<f64> {
     let positive = |dt: &f64| dt.is_finite() && *dt > 0.0;
+    if let Some([first, second, ..]) = arrays.get("times").map(|times| &times.data[..]) {
+        let step = second - first;
+        let off = |&(i, t): &(usize, &f64)| (t - first - i as f64 * step).abs() > 1e-3 * step;
+        if let Some((i, t)) = arrays["times"].data.iter().enumerate().find(off) {
+            return Err(Error::file(path, format!("times: value {i} is {t} s: expected equal distances")));
+        }
+    }
     let said = arrays.get("dt").and_then(|a| a.data.first()).copied();
     let dt = said.filter(positive).or(dt).filter(positive).ok_or_else(|| {
         Error::file(path, "it does not say the time between frames (dt, s): give a positive one with --dt")

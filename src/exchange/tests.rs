@@ -11,7 +11,7 @@ use m4gn_mesh::NodeType;
 use std::path::{Path, PathBuf};
 
 /// A folder with a file, and meta.json beside it.
-fn file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
+pub(super) fn file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
     std::fs::write(&path, bytes).unwrap();
@@ -19,7 +19,7 @@ fn file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
     (folder, path)
 }
 
-fn square() -> Arrays {
+pub(super) fn square() -> Arrays {
     by_name(records::square())
 }
 
@@ -27,7 +27,7 @@ fn by_name(arrays: Vec<(&str, Vec<usize>, Vec<f64>)>) -> Arrays {
     arrays.into_iter().map(|(name, shape, data)| (name.into(), Array { shape, data })).collect()
 }
 
-fn imported(path: &Path, options: &Options) -> Result<Trajectory> {
+pub(super) fn imported(path: &Path, options: &Options) -> Result<Trajectory> {
     let out = path.with_file_name("out.h5");
     let _ = std::fs::remove_file(&out);
     import(path, &out, options, &mut |_, _| Ok(()))?;
@@ -35,7 +35,7 @@ fn imported(path: &Path, options: &Options) -> Result<Trajectory> {
 }
 
 /// What is read back of the square.
-fn check(t: &Trajectory) {
+pub(super) fn check(t: &Trajectory) {
     let back = arrays(t).unwrap();
     for (name, shape, data) in records::square() {
         assert_eq!(back[name].data, data, "{name}");
@@ -175,7 +175,7 @@ fn errors_of_series_name_file_byte_and_array() {
             "appended",
             "type=\"Int64\" Name=\"node",
             "type=\"Bit\" Name=\"node",
-            "PointData/node_type: type \"Bit\", expected Float32",
+            "PointData/node_type: type \"Bit\", expected float32",
         ),
         ("ascii", "0.125", "x", "PointData/velocity: `x` is no number"),
         ("ascii", "\n1 3 5 5", "\n1 3 9 5", "Cells/types: cell 2 is of type 9 with 3 points"),
@@ -256,7 +256,7 @@ fn errors_name_record_byte_and_key() {
     let (_folder, path) = file("a.tfrecord", &good);
     for (pointer, value, expected) in [
         ("/dt", serde_json::json!("x"), "dt: expected a time in s, found \"x\""),
-        ("/features/velocity/dtype", serde_json::json!("int8"), "features.velocity.dtype: expected"),
+        ("/features/velocity/dtype", serde_json::json!("float16"), "features.velocity.dtype: expected"),
         ("/features/velocity/shape", serde_json::json!([-1, -1, 2]), "features.velocity.shape: expected"),
         (
             "/features/cells/shape",

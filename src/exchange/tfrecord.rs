@@ -4,7 +4,7 @@
 //! A record: its length n (u64, little-endian), a masked CRC-32C of these 8 bytes, n bytes, a masked CRC-32C of them. Masked is
 //! `rotate_right(crc, 15) + 0xa282ead8`.
 
-use super::array::{Array, Arrays, Dtype};
+use super::array::{Array, Arrays, Dtype, TYPES};
 use m4gn_base::{Error, Result, files};
 use serde_json::Value;
 use std::fs::File;
@@ -265,9 +265,10 @@ impl Meta {
                 Some("static" | "dynamic") => {}
                 _ => return Err(wrong(&key("type"), &about["type"], "\"static\" or \"dynamic\"")),
             }
-            let dtype = about["dtype"].as_str().and_then(Dtype::named).ok_or_else(|| {
-                wrong(&key("dtype"), &about["dtype"], "\"float32\", \"float64\", \"int32\" or \"int64\"")
-            })?;
+            let dtype = about["dtype"]
+                .as_str()
+                .and_then(Dtype::named)
+                .ok_or_else(|| wrong(&key("dtype"), &about["dtype"], TYPES))?;
             let extent = |v: &Value| match v.as_i64() {
                 Some(-1) => Some(None),
                 n => usize::try_from(n?).ok().filter(|n| *n > 0).map(Some),
@@ -294,7 +295,10 @@ impl Description {
         let fits = |known: usize| if open { bytes.is_multiple_of(known) } else { bytes == known };
         let Some(known) = known.filter(|known| fits(*known)) else {
             let shape: Vec<i64> = self.shape.iter().map(|n| n.map_or(-1, |n| n as i64)).collect();
-            return Err(format!("{bytes} bytes for the shape {shape:?} of {:?} in meta.json", self.dtype));
+            return Err(format!(
+                "{bytes} bytes for the shape {shape:?} of {} in meta.json",
+                self.dtype.name()
+            ));
         };
         let shape = self.shape.iter().map(|n| n.unwrap_or(bytes / known)).collect();
         Ok(Array { shape, data: self.dtype.decode(&parts.concat()) })

@@ -2,8 +2,8 @@
 //!
 //! Arrays are in text, in base64, or appended, deflated or not. <https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html>
 
+use super::array::{Array, Arrays, Dtype, TYPES};
 use super::npz::MOST_OF_A_BYTE;
-use super::{Array, Arrays};
 use base64::{Engine, engine::general_purpose::STANDARD};
 use flate2::bufread::ZlibDecoder;
 use m4gn_base::{Error, Result, files, refuse};
@@ -30,7 +30,7 @@ pub fn read(path: &Path) -> Result<Arrays> {
         false => numbered(path)?,
     };
     let mut first: Option<(&Path, Arrays)> = None;
-    for (frame, file) in series.iter().enumerate() {
+    for file in &series {
         let grid = grid(file)?;
         let wrong = |what: String| Error::file(file, what);
         let Some((of_first, known)) = &first else {
@@ -48,7 +48,8 @@ pub fn read(path: &Path) -> Result<Arrays> {
             let found = grid
                 .get(name)
                 .ok_or_else(|| wrong(format!("no array {name}, which {} has", of_first.display())))?;
-            let Some(field) = name.strip_prefix("PointData/") else {
+            let field = name.strip_prefix("PointData/").filter(|field| *field != "node_type");
+            let Some(field) = field else {
                 if found != array {
                     return Err(wrong(format!(
                         "{name} differs from that of {}: expected one mesh that does not move",
@@ -60,9 +61,12 @@ pub fn read(path: &Path) -> Result<Arrays> {
             refuse(found.shape != array.shape, wrong, || {
                 format!("{name} has shape {:?}, in {} {:?}", found.shape, of_first.display(), array.shape)
             })?;
-            if let Some(values) = arrays.get_mut(field).filter(|a| a.shape[0] > frame) {
+            if let Some(values) = arrays.get_mut(field) {
                 values.data.extend(&found.data);
             }
+        }
+        if let Some(name) = grid.keys().find(|name| !known.contains_key(*name)) {
+            return Err(wrong(format!("{name}: {} has no such array", of_first.display())));
         }
     }
     // Vectors in the plane.
@@ -118,7 +122,7 @@ fn mesh(grid: &Arrays) -> std::result::Result<[(String, Array); 2], String> {
     ])
 }
 
-/// This file and those beside it with the same name and larger numbers.
+/// This file and those beside it with the same name and larger numbers, which have equal distances.
 fn numbered(path: &Path) -> Result<Vec<PathBuf>> {
     let name = |path: &Path| {
         let stem = path.file_stem()?.to_str()?;
@@ -136,9 +140,29 @@ fn numbered(path: &Path) -> Result<Vec<PathBuf>> {
     let listed = listed.map_err(|e| Error::file(folder, format!("cannot be listed: {e}")))?;
     let others =
         listed.into_iter().map(|entry| entry.path()).filter(|p| p.extension().is_some_and(|e| e == "vtu"));
-    let numbers = others.filter_map(|p| Some((name(&p).filter(|n| n.0 == head && n.1 > number)?.1, p)));
-    let later: BTreeMap<u64, PathBuf> = numbers.collect();
-    Ok(std::iter::once(path.to_path_buf()).chain(later.into_values()).collect())
+    let mut files = BTreeMap::from([(number, path.to_path_buf())]);
+    let named = others.filter_map(|p| Some((name(&p).filter(|n| n.0 == head && n.1 >= number)?.1, p)));
+    for (number, file) in named.filter(|(_, file)| file.file_name() != path.file_name()) {
+        if let Some(other) = files.insert(number, file.clone()) {
+            return Err(Error::file(
+                file,
+                format!("has the number of {}: expected one of each", other.display()),
+            ));
+        }
+    }
+    let numbers: Vec<u64> = files.keys().copied().collect();
+    if let [first, second, ..] = numbers[..]
+        && let Some(w) = numbers.windows(2).find(|w| w[1] - w[0] != second - first)
+    {
+        return Err(Error::file(
+            path,
+            format!(
+                "between {head}{} and {head}{} of its series files are missing, or do not belong to it: expected numbers at equal distances",
+                w[0], w[1]
+            ),
+        ));
+    }
+    Ok(files.into_values().collect())
 }
 
 /// The files of a *.pvd; the time between them goes to the arrays.
@@ -286,6 +310,15 @@ fn arrays(bytes: &[u8]) -> std::result::Result<Arrays, Wrong> {
                 storage.encoded = attribute(e, at, "encoding")?.is_some_and(|c| c == "base64");
             }
             name @ ("Points" | "Cells" | "PointData" | "CellData" | "FieldData") => section = name.into(),
+            "DataArray" if section == "CellData" => {
+                let kind = attribute(e, at, "type")?.unwrap_or_default();
+                let own = attribute(e, at, "Name")?.unwrap_or_default();
+                // Text, and what ParaView notes for itself.
+                if kind != "String" && !own.starts_with("vtk") {
+                    let what = "of arrays at points alone fields are made: interpolate it to the points, or take it out";
+                    return Err((at, format!("CellData/{own}: {what}")));
+                }
+            }
             "DataArray" if ["Points", "Cells", "PointData"].contains(&&section[..]) => {
                 let own = attribute(e, at, "Name")?.unwrap_or_default();
                 let format = attribute(e, at, "format")?.unwrap_or_default();
@@ -412,15 +445,6 @@ impl Storage {
 
 /// Numbers of one of VTK's types.
 fn decode(kind: &str, bytes: &[u8]) -> std::result::Result<Vec<f64>, String> {
-    macro_rules! of {
-        ($($name:literal $t:ty),*) => {
-            match kind {
-                $($name => bytes.as_chunks().0.iter().map(|b| <$t>::from_le_bytes(*b) as f64).collect(),)*
-                other => return Err(format!("type {other:?}, expected Float32, Float64, Int8 to Int64 or UInt8 to UInt64")),
-            }
-        };
-    }
-    Ok(
-        of!("Float32" f32, "Float64" f64, "Int8" i8, "Int16" i16, "Int32" i32, "Int64" i64, "UInt8" u8, "UInt16" u16, "UInt32" u32, "UInt64" u64),
-    )
+    let dtype = Dtype::named(&kind.to_lowercase());
+    Ok(dtype.ok_or_else(|| format!("type {kind:?}, expected {TYPES}"))?.decode(bytes))
 }

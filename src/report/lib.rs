@@ -6,6 +6,7 @@ pub mod chart;
 pub mod page;
 pub mod picture;
 pub mod raster;
+pub mod series;
 pub mod snapshot;
 pub mod table;
 pub mod vtu;

@@ -192,7 +192,8 @@ impl Learner {
         let mut errors = Vec::new();
         let domains = [sample.domain(false)];
         // Held points do not count.
-        let free: Vec<i64> = (0..state.cells.size()[0]).filter(|p| !domains[0].is_held(*p as usize)).collect();
+        let free: Vec<i64> =
+            (0..state.cells.size()[0]).filter(|p| !domains[0].is_held(*p as usize)).collect();
         let free = Tensor::from_slice(&free).to_device(self.device);
         for step in 1..=rollout.steps {
             let graph = contact::at_state(sample.topologies[0].share(), &domains, &state)?;

@@ -4,11 +4,10 @@ use super::{Case, scene::recorded};
 use m4gn_base::{Error, Result};
 use m4gn_data::Trajectory;
 use m4gn_mesh::vector::{Vector, moved};
-use m4gn_report::vtu::pvd;
-use m4gn_report::{Grid, write_file};
+use m4gn_report::{Grid, series, write_file};
 use std::path::Path;
 
-/// Writes `truth.pvd`, `prediction.pvd` and `obstacle.pvd` with their files into a folder, which is made. Points lie where
+/// Writes `truth.pvd`, `prediction.pvd` and `obstacle.pvd` with their files into a folder. Points lie where
 /// they are; vectors are the displacement `D` (m) and, of the prediction, `D_true` and `error` = D - D_true.
 ///
 /// # Errors
@@ -28,12 +27,18 @@ pub fn write(folder: &Path, case: &Case) -> Result<()> {
             case.path.display()
         )));
     };
-    std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, format!("cannot be made: {e}")))?;
     let grid = Grid::of_elements(&body.elements);
     let name = &case.fields[0].0;
-    let mut series = [("truth", Vec::new()), ("prediction", Vec::new()), ("obstacle", Vec::new())];
     let first = recorded(&trajectory, name, 0)?;
-    for (step, found) in std::iter::once((&0, &first)).chain(&rollout.kept) {
+    let states = || std::iter::once((&0, &first)).chain(&rollout.kept);
+    let times: Vec<_> =
+        states().map(|(step, _)| (*step, trajectory.times()[step * case.pace.frames])).collect();
+    let names = ["truth", "prediction", "obstacle"]
+        .into_iter()
+        .take(2 + usize::from(trajectory.obstacle().is_some()));
+    let files = names.map(|name| series::begin(&folder.join(format!("{name}.pvd")), &times));
+    let files: Vec<_> = files.collect::<Result<_>>()?;
+    for (i, (step, found)) in states().enumerate() {
         let frame = step * case.pace.frames;
         let truth = recorded(&trajectory, name, frame)?;
         let error: Vec<f64> = found.iter().zip(&truth).map(|(a, b)| a - b).collect();
@@ -48,14 +53,9 @@ pub fn write(folder: &Path, case: &Case) -> Result<()> {
             let surface = Grid::of_triangles(&o.triangles);
             texts.push(surface.vtu(&moved(&o.positions, &motion), &[("D", 3, motion.as_flattened())])?);
         }
-        for ((name, files), text) in series.iter_mut().zip(texts) {
-            let file = format!("{name}_{step:04}.vtu");
-            write_file(&folder.join(&file), text.as_bytes())?;
-            files.push((trajectory.times()[frame], file));
+        for (files, text) in files.iter().zip(texts) {
+            write_file(&files[i], text.as_bytes())?;
         }
-    }
-    for (name, files) in series.iter().filter(|(_, files)| !files.is_empty()) {
-        write_file(&folder.join(format!("{name}.pvd")), pvd(files).as_bytes())?;
     }
     Ok(())
 }

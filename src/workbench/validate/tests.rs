@@ -463,6 +463,7 @@ fn the_page_and_the_series() {
     }
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path().join("series");
+    std::fs::create_dir(&folder).unwrap();
     write_series(&folder, &case).unwrap();
     // Four states of three things, and their lists
     assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 15);

@@ -1,0 +1,138 @@
+//! What is not read is refused by name; a series is read as it was written.
+
+use super::import::Options;
+use super::series::frame;
+use super::tests::{check, file, imported, square};
+use super::{npz, records};
+
+/// An array of `numpy.save`.
+fn saved(descr: &str, shape: &str, bytes: &[u8]) -> Vec<u8> {
+    let header = format!("{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}\n");
+    [&b"\x93NUMPY\x01\x00"[..], &(header.len() as u16).to_le_bytes(), header.as_bytes(), bytes].concat()
+}
+
+#[test]
+fn arrays_of_an_archive_are_read_or_refused_by_their_type() {
+    let (_folder, path) = file("a.npz", &[]);
+    let read = |descr: &str, shape: &str, bytes: &[u8]| {
+        std::fs::write(&path, records::zip(&[("x.npy".to_string(), saved(descr, shape, bytes))])).unwrap();
+        npz::read(&path).map_err(|e| e.to_string())
+    };
+    for (descr, bytes, expected) in [
+        ("'>f4'", 1.5f32.to_be_bytes().to_vec(), 1.5),
+        ("'<f8'", (-2.5f64).to_le_bytes().to_vec(), -2.5),
+        ("'>i2'", (-3i16).to_be_bytes().to_vec(), -3.0),
+        ("'<u4'", 4_000_000_000u32.to_le_bytes().to_vec(), 4e9),
+        ("'|u1'", vec![200], 200.0),
+        ("'|b1'", vec![1], 1.0),
+    ] {
+        assert_eq!(read(descr, "(1,)", &bytes).unwrap()["x"].data, [expected], "{descr}");
+    }
+    for descr in ["'<f2'", "'<c8'", "'|O'", "'<M8[ns]'", "[('a', '<f4')]"] {
+        let message = read(descr, "(1,)", &[0; 8]).unwrap_err();
+        let bare = descr.trim_matches('\'');
+        assert!(
+            message.contains("x.npy, its byte 10: numbers of type ") && message.contains(bare),
+            "{message}"
+        );
+        assert!(message.contains("expected float32, float64"), "{message}");
+    }
+    assert!(read("'<U3'", "(1,)", &[0; 12]).unwrap().is_empty());
+}
+
+#[test]
+fn copies_are_read_or_refused_by_their_type() {
+    let (_folder, path) = file("valid.h5", &[]);
+    let dt = Options { dt: Some(0.5), ..Options::default() };
+    let write = |more: &dyn Fn(&hdf5::Group)| {
+        let copy = hdf5::File::create(&path).unwrap();
+        let group = copy.create_group("0").unwrap();
+        for (name, shape, data) in records::square() {
+            group.new_dataset::<f64>().shape(shape).create(name).unwrap().write_raw(&data).unwrap();
+        }
+        more(&group);
+    };
+    write(&|group| {
+        group.new_dataset::<bool>().shape(2).create("flags").unwrap().write_raw(&[true, false]).unwrap();
+    });
+    let message = imported(&path, &dt).unwrap_err().to_string();
+    assert!(
+        message.contains("/0/flags is of type bool, expected whole or floating-point numbers"),
+        "{message}"
+    );
+    write(&|group| {
+        group.unlink("mesh_pos").unwrap();
+        let places: Vec<f64> = (0..20).map(f64::from).collect();
+        group.new_dataset::<f64>().shape([2, 5, 2]).create("mesh_pos").unwrap().write_raw(&places).unwrap();
+    });
+    let message = imported(&path, &dt).unwrap_err().to_string();
+    assert!(message.contains("/0/mesh_pos of the last frame is another than that of frame 0"), "{message}");
+}
+
+#[test]
+fn a_series_has_no_gap_and_no_arrays_that_are_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    let dt = Options { dt: Some(0.5), ..Options::default() };
+    let first = folder.path().join("a_0010.vtu");
+    let square = records::square();
+    let frames: Vec<Vec<u8>> = (0..3).map(|i| frame(&square, i, "ascii")).collect();
+    (0..3).for_each(|i| put(&format!("a_{:04}.vtu", 10 * (i + 1)), &frames[i]));
+    check(&imported(&first, &dt).unwrap());
+    put("a_0050.vtu", &frames[0]);
+    let message = imported(&first, &dt).unwrap_err().to_string();
+    assert!(
+        message.contains("a_0010.vtu: between a_30 and a_50 of its series files are missing"),
+        "{message}"
+    );
+    std::fs::remove_file(folder.path().join("a_0050.vtu")).unwrap();
+    put("a_20.vtu", &frames[0]);
+    assert!(imported(&first, &dt).unwrap_err().to_string().contains("has the number of "));
+    std::fs::remove_file(folder.path().join("a_20.vtu")).unwrap();
+    let changed = |old: &str, new: &str| String::from_utf8_lossy(&frames[2]).replacen(old, new, 1);
+    let extra = "<PointData>\n<DataArray type=\"Float32\" Name=\"T\" NumberOfComponents=\"1\" format=\"ascii\">0 0 0 0 0</DataArray>";
+    for (old, new, expected) in [
+        ("<PointData>", extra, "a_0030.vtu: PointData/T: "),
+        ("\n4 6 5 6 0", "\n4 6 5 6 6", "PointData/node_type differs from that of "),
+        ("type=\"String\"", "type=\"Float32\"", "CellData/unread: of arrays at points alone fields are made"),
+    ] {
+        put("a_0030.vtu", changed(old, new).as_bytes());
+        let message = imported(&first, &dt).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}\n{expected}");
+    }
+}
+
+/// A shorter series over a longer one of the same name: read by its first file it is the shorter one.
+#[test]
+fn a_series_over_a_longer_one_is_read_as_it_was_written() {
+    let (_folder, path) = file("a.tfrecord", &records::record(&records::example()));
+    let t = imported(&path, &Options::default()).unwrap();
+    let series = path.with_file_name("w.pvd");
+    super::export::to_vtu(&t, &series).unwrap();
+    let mut two = square();
+    for array in two.values_mut().filter(|a| a.shape[0] == 3) {
+        array.shape[0] = 2;
+        array.data.truncate(array.data.len() / 3 * 2);
+    }
+    let archive = path.with_file_name("b.npz");
+    npz::write(&archive, &two, &["cells", "node_type"]).unwrap();
+    let dt = Options { dt: Some(0.5), ..Options::default() };
+    super::export::to_vtu(&imported(&archive, &dt).unwrap(), &series).unwrap();
+    let back = imported(&path.with_file_name("w_0000.vtu"), &dt).unwrap();
+    assert_eq!(back.times(), [0.0, 0.5]);
+}
+
+#[test]
+fn arrays_that_are_no_fields_are_refused_by_their_shape() {
+    let refused = |name: &str, shape: &[usize], expected: &str| {
+        let mut arrays = square();
+        let data = vec![0.25; shape.iter().product()];
+        arrays.insert(name.into(), super::Array { shape: shape.to_vec(), data });
+        let message =
+            super::Points::new(&arrays, Some(0.5), std::path::Path::new("a")).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
+    };
+    refused("velocity", &[5, 3, 2], "velocity has shape [5, 3, 2], expected [frames, 5, components]");
+    refused("pressure", &[3, 4, 1], "pressure has shape [3, 4, 1], expected [frames, 5, components]");
+    refused("walls", &[1, 5, 1], "walls has shape [1, 5, 1], expected [frames, 5, components]");
+}
