@@ -2,7 +2,7 @@
 
 use m4gn_samples::training as sample;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 const STUDY: &str = r#"
 title = "Two networks"
@@ -70,11 +70,154 @@ fn networks_are_trained_once_and_compared_with_their_baselines() {
     assert_eq!(before[..2], after[..2]);
     assert_ne!(before[2], after[2]);
 
-    // A network that cannot be is told, and the others are reported.
-    std::fs::write(at("study.toml"), wider.replace("\"gcn\"", "\"gnc\"")).unwrap();
-    let last = study(folder.path());
-    let (said, error) = (String::from_utf8_lossy(&last.stdout), String::from_utf8_lossy(&last.stderr));
-    assert!(said.contains("3/4 flow/GCN/1: failed: ") && said.contains("gnc"), "{said}");
-    assert!(last.status.code() == Some(1) && error.contains("2 of 4 failed"), "{error}");
-    assert!(at("out/study.html").is_file());
+    // Another time of a file is no other content, wherever it lies.
+    let folder_data = at("data");
+    for file in std::fs::read_dir(&folder_data).unwrap() {
+        let path = file.unwrap().path();
+        std::fs::write(path.with_extension("copy"), std::fs::read(&path).unwrap()).unwrap();
+        std::fs::rename(path.with_extension("copy"), path).unwrap();
+    }
+    let before = files.map(made);
+    let again = study(folder.path());
+    assert!(again.status.success() && files.map(made) == before, "{again:?}");
+
+    // Other data: what was there before is kept, and it is said before.
+    std::fs::remove_file(at("data/000.h5")).unwrap();
+    sample::write_trajectory(&at("data/000.h5"), 5, m4gn_data::Split::Train, 30).unwrap();
+    let model = std::fs::read(at("out/flow/GCN/1/model.safetensors")).unwrap();
+    let other = study(folder.path());
+    let said = String::from_utf8_lossy(&other.stdout).into_owned();
+    let (told, first) = (
+        said.find("3/4 flow/GCN/1: is trained anew, with another data set"),
+        said.find("1/4 flow/M4GN/1: 4 updates"),
+    );
+    assert!(other.status.success() && told.is_some() && told < first, "{said}");
+    assert_eq!(std::fs::read(at("out/flow/GCN/1/earlier-2/model.safetensors")).unwrap(), model);
+}
+
+/// A seed that cannot be trained is told first, and the others are trained; tables say so.
+#[test]
+fn what_fails_is_in_the_tables() {
+    let folder = sample::folder();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("config.toml"), sample::config("")).unwrap();
+    std::fs::write(at("study.toml"), STUDY.replace("segments = [2]\n", "")).unwrap();
+    std::fs::create_dir_all(at("out/flow/GCN")).unwrap();
+    std::fs::write(at("out/flow/GCN/2"), "in the way").unwrap();
+    let done = study(folder.path());
+    let (said, error) = (String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
+    assert!(said.starts_with("4/4 flow/GCN/2: failed: "), "{said}");
+    assert!(done.status.code() == Some(1) && error.contains("1 of 4 failed"), "{error}");
+    for file in ["study.md", "study.tex", "study.html"] {
+        let text = std::fs::read_to_string(at("out").join(file)).unwrap();
+        assert!(text.contains("1 of 2") && text.contains("Failed: GCN, seed 2: "), "{file}: {text}");
+        assert!(text.contains("over the seeds that both have: 1."), "{file}: {text}");
+    }
+}
+
+/// Nothing is trained where something of the study cannot be.
+#[test]
+fn all_is_checked_before_the_first_training() {
+    let folder = sample::folder();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("config.toml"), sample::config("")).unwrap();
+    for (from, to, expected) in [
+        ("\"gcn\"", "\"gnc\"", "network \"GCN\" on \"flow\": not a valid training configuration"),
+        ("data = \"data\" }", "data = \"dtaa\" }", "dtaa: cannot be read"),
+        (
+            "data = \"data\" }",
+            "data = \"data\", split = \"test\" }",
+            "data: holds no trajectory of split test",
+        ),
+        ("train = \"data\"", "train = \"config.toml\"", "config.toml: is not an HDF5 file"),
+        ("\"gcn\", layers = 2 }", "\"gcn\", layers = 2, stride = 0.015 }", "model.stride = 0.015"),
+        (
+            "remove =",
+            "segments = [3]\nremove =",
+            "network \"GCN\" on \"flow\": segments = [3]: it is a network without segments",
+        ),
+        ("steps = 4", "steps = 4\nbackend = \"troch\"", "backend = \"troch\": expected native or torch"),
+    ] {
+        std::fs::write(at("study.toml"), STUDY.replacen(from, to, 1)).unwrap();
+        let refused = study(folder.path());
+        let error = String::from_utf8_lossy(&refused.stderr);
+        assert!(refused.status.code() == Some(1) && error.contains(expected), "{to}: {error}");
+        assert!(refused.stdout.is_empty() && !at("out/flow").exists(), "{to}: {refused:?}");
+    }
+}
+
+/// Of two in one folder the second waits, and then finds all done.
+#[test]
+fn two_studies_take_turns() {
+    let folder = sample::folder();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("config.toml"), sample::config("")).unwrap();
+    std::fs::write(
+        at("study.toml"),
+        STUDY.replace("seeds = [1, 2]", "seeds = [1]").replace("steps = 4", "steps = 60"),
+    )
+    .unwrap();
+    let begin = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_m4gn"));
+        command
+            .current_dir(folder.path())
+            .args(["study", "study.toml", "--out", "out"])
+            .stdout(Stdio::piped());
+        command.spawn().unwrap()
+    };
+    let first = begin();
+    let start = std::time::Instant::now();
+    while !at("out/flow/M4GN/1/made-from").exists() {
+        assert!(start.elapsed().as_secs() < 600, "it does not begin");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let second = begin().wait_with_output().unwrap();
+    let first = first.wait_with_output().unwrap();
+    let [a, b] = [&first, &second].map(|o| String::from_utf8_lossy(&o.stdout).into_owned());
+    assert!(first.status.success() && second.status.success(), "{a}{b}");
+    assert!(b.starts_with("waiting: ") && b.contains("out: is being written by process "), "{b}");
+    // Of one training and one validation
+    let lines = |text: &str| {
+        text.lines()
+            .filter(|l| l.starts_with("1/2") || l.starts_with("2/2"))
+            .map(String::from)
+            .collect::<Vec<_>>()
+    };
+    assert!(lines(&a).len() == 2 && lines(&a) == lines(&b), "{a}{b}");
+}
+
+/// Ctrl-C: the training saves its checkpoint, and goes on from there.
+#[test]
+fn a_study_that_is_stopped_goes_on() {
+    let folder = sample::folder();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("config.toml"), sample::config("checkpoint_interval = 1000000")).unwrap();
+    let long = STUDY.replace("steps = 4", "steps = 100000").replace("seeds = [1, 2]", "seeds = [1]");
+    std::fs::write(at("study.toml"), &long).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_m4gn"));
+    let mut child =
+        command.current_dir(folder.path()).args(["study", "study.toml", "--out", "out"]).spawn().unwrap();
+    let log = at("out/flow/M4GN/1/model.csv");
+    let start = std::time::Instant::now();
+    while std::fs::read_to_string(&log).map_or(0, |text| text.lines().count()) < 3 {
+        assert!(start.elapsed().as_secs() < 600, "no step is made");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    m4gn_base::ffi::ask_to_end(child.id());
+    assert_eq!(child.wait().unwrap().code(), Some(1));
+    assert!(at("out/flow/M4GN/1/model.checkpoint").is_file());
+    let count = || std::fs::read_to_string(&log).unwrap().lines().count();
+    let before = count();
+    // Asked at once, it has made no step less.
+    let mut command = Command::new(env!("CARGO_BIN_EXE_m4gn"));
+    let mut child =
+        command.current_dir(folder.path()).args(["study", "study.toml", "--out", "out"]).spawn().unwrap();
+    while count() <= before {
+        assert!(start.elapsed().as_secs() < 600, "no step is made");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    m4gn_base::ffi::ask_to_end(child.id());
+    child.wait().unwrap();
+    let said = std::fs::read_to_string(at("out/flow/M4GN/1/log.train")).unwrap();
+    assert!(said.contains("resumed at step "), "{said}");
 }

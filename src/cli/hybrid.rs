@@ -167,6 +167,7 @@ fn plan(args: &Args) -> Result<Plan> {
         tools: Surroundings {
             stop: stop_flag()?,
             timeout: Duration::from_secs(args.timeout),
+            asks: false,
             environment: environment(&family.programs(&first)?)?,
         },
         family,

@@ -2,7 +2,7 @@
 
 use super::stop_flag;
 use m4gn_base::{Error, Result};
-use m4gn_workbench::study::{Plan, Report, run as study};
+use m4gn_workbench::study::{Plan, run as study};
 use std::path::PathBuf;
 
 /// Train networks on data sets with several seeds, at equal updates or equal time, and compare them in one report
@@ -26,12 +26,10 @@ pub struct Args {
 /// A file that cannot be, or trainings that failed, after the report.
 pub fn run(args: Args) -> Result<()> {
     let plan = Plan::read(&args.file)?;
-    let (cells, failed) = study(&plan, &args.out, stop_flag()?, &mut |line| println!("{line}"))?;
-    let report = Report::new(&plan, &cells, failed);
+    let report = study(&plan, &args.out, stop_flag()?, &mut |line| println!("{line}"))?;
     println!("\n{}", report.text());
-    report.write(&args.out)?;
-    match failed {
+    match report.failures {
         0 => Ok(()),
-        n => Err(Error::Input(format!("{n} of {} failed, as told above", n + cells.len()))),
+        n => Err(Error::Input(format!("{n} of {} failed, as told above", plan.cells().len()))),
     }
 }

@@ -18,15 +18,24 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// Reads all trajectories, their frames into memory as far as `room` bytes hold them.
-pub(super) fn load(
-    folder: &Path,
-    config: &Config,
-    from: Option<&Model>,
-    room: u64,
-    report: &Report,
-    stop: &AtomicU8,
-) -> Result<(Workload, ModelSpec)> {
+/// What a data set says before its frames are read.
+struct Survey {
+    spec: ModelSpec,
+    frames_a_step: usize,
+    train: Vec<Trajectory>,
+    valid: Vec<Trajectory>,
+}
+
+/// The model that a configuration makes of a data set, without what its frames say.
+///
+/// # Errors
+/// For all that a training refuses before it reads frames.
+pub fn model_of(folder: &Path, config: &Config) -> Result<ModelSpec> {
+    survey(folder, config, None, &Report::new(false)).map(|survey| survey.spec)
+}
+
+/// Opens all trajectories, and checks that they go with the configuration.
+fn survey(folder: &Path, config: &Config, from: Option<&Model>, report: &Report) -> Result<Survey> {
     let paths = dataset::list(folder)?;
     let draft = config.draft()?;
     let mut train: Vec<Trajectory> = Vec::new();
@@ -86,11 +95,6 @@ pub(super) fn load(
     for trajectory in train.iter().chain(&valid) {
         check(trajectory, &spec, frames)?;
     }
-    let described = |trajectory: &Trajectory| {
-        let name = trajectory.path().file_name();
-        let name = name.map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        format!("{name} {}", trajectory.times().len())
-    };
     let left_out: Vec<String> = train.iter().chain(&valid).filter(|t| short(t)).map(described).collect();
     train.retain(|t| !short(t));
     valid.retain(|t| !short(t));
@@ -106,6 +110,25 @@ pub(super) fn load(
         report.line(&format!("note: trajectories left out: {note}"));
     }
     valid.iter().try_for_each(|trajectory| check_types(trajectory, &spec))?;
+    Ok(Survey { spec, frames_a_step: frames, train, valid })
+}
+
+/// Name and number of frames.
+fn described(trajectory: &Trajectory) -> String {
+    let name = trajectory.path().file_name().unwrap_or_default().to_string_lossy();
+    format!("{name} {}", trajectory.times().len())
+}
+
+/// Reads all trajectories, their frames into memory as far as `room` bytes hold them.
+pub(super) fn load(
+    folder: &Path,
+    config: &Config,
+    from: Option<&Model>,
+    room: u64,
+    report: &Report,
+    stop: &AtomicU8,
+) -> Result<(Workload, ModelSpec)> {
+    let Survey { mut spec, frames_a_step, train, valid } = survey(folder, config, from, report)?;
     let names: Vec<String> = train.iter().chain(&valid).map(described).collect();
     let total = train.len() + valid.len();
     report.begin_loading(total as u64);
@@ -137,7 +160,7 @@ pub(super) fn load(
     }
     let extents: Vec<Extent> = train.iter().filter_map(|sample| sample.extent.clone()).collect();
     spec.trained_on = TrainedOn::over(&extents, spec.stride);
-    let work = Workload { train, valid, frames_a_step: frames, names };
+    let work = Workload { train, valid, frames_a_step, names };
     data_checks::notes(&work, &spec, &config.training)?.iter().for_each(|note| report.line(note));
     let (all, kept, streamed) = work.sizes();
     report.line(&match streamed {

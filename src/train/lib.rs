@@ -31,6 +31,7 @@ extern crate self as m4gn_train;
 #[path = "../../tests/samples/training.rs"]
 pub mod sample;
 
+pub use data_set::model_of;
 pub use request::Request;
 pub use trainer::{Task, train};
 pub use validation::HORIZON;

@@ -1,5 +1,9 @@
 //! A digest of all that something was made from: tells it from what other inputs would make.
 
+use m4gn_base::{Error, Result, files};
+use std::io::Read;
+use std::path::Path;
+
 /// FNV-1a with 128 bits over named parts.
 #[derive(Clone, Copy, Debug)]
 pub struct Digest(u128);
@@ -17,6 +21,28 @@ impl Digest {
         self.bytes(name.as_bytes());
         self.bytes(&(bytes.len() as u64).to_le_bytes());
         self.bytes(bytes);
+    }
+
+    /// Adds the content of a file as a part.
+    ///
+    /// # Errors
+    /// [`Error::File`] where it cannot be read.
+    pub fn add_file(&mut self, name: &str, path: &Path) -> Result<()> {
+        let failed = |e: std::io::Error| Error::file(path, format!("cannot be read: {e}"));
+        files::check_plain(path).map_err(failed)?;
+        let mut file = std::fs::File::open(path).map_err(failed)?;
+        let mut content = Digest::default();
+        let mut part = vec![0; 1 << 16];
+        loop {
+            match file.read(&mut part) {
+                Ok(0) => break,
+                Ok(n) => content.bytes(&part[..n]),
+                Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
+                Err(e) => return Err(failed(e)),
+            }
+        }
+        self.add(name, content.text().as_bytes());
+        Ok(())
     }
 
     fn bytes(&mut self, bytes: &[u8]) {

@@ -13,3 +13,11 @@ pub fn refuse_file_size_signal() {
         libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
     }
 }
+
+/// Asks a process of ours, that has not been waited for, to end (SIGTERM).
+pub fn ask_to_end(process: u32) {
+    // SAFETY: kill reads two numbers; the process is a child whose number is its own until it is waited for.
+    unsafe {
+        libc::kill(process as libc::pid_t, libc::SIGTERM);
+    }
+}

@@ -149,6 +149,7 @@ impl Common {
             tools: Surroundings {
                 stop: stop_flag()?,
                 timeout: Duration::from_secs(self.timeout),
+                asks: false,
                 environment,
             },
         };

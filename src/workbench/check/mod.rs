@@ -118,6 +118,7 @@ pub fn run(plan: &Plan) -> Result<Checked> {
         stop: plan.stop,
         // Reading the mesh, a first step and making the surrogate come before the function object can end the run.
         timeout: Duration::from_secs(20 * plan.seconds + 120),
+        asks: false,
         environment: environment(&["foamDictionary"])?,
     };
     tools.environment.push(("OMPI_MCA_rmaps_base_oversubscribe".into(), "1".into()));

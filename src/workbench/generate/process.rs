@@ -1,6 +1,7 @@
 //! Running one tool: output into a log file, ended when it takes too long, the user stops, or this program ends.
 
 use super::guard::Guard;
+use m4gn_base::ffi::ask_to_end;
 use m4gn_base::{Error, Result};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -14,6 +15,8 @@ pub struct Surroundings {
     pub stop: &'static AtomicU8,
     /// Longest time for one tool.
     pub timeout: Duration,
+    /// Whether a tool is asked to end then, and waited for, so that it can save what it has; else it is ended.
+    pub asks: bool,
     /// Variables to set.
     pub environment: Vec<(String, std::ffi::OsString)>,
 }
@@ -52,10 +55,19 @@ impl Surroundings {
             .stderr(errors);
         let mut child = guard.join(&mut command).spawn().map_err(cannot_start)?;
         let start = Instant::now();
+        let (mut asked, stopped) = (false, || Error::Interrupted("stopped by the user".into()));
         let ended = loop {
             match child.try_wait() {
+                Ok(Some(_)) if asked => break Err(stopped()),
                 Ok(Some(status)) => break Ok(status),
-                Ok(None) if self.stopped() => break Err(Error::Interrupted("stopped by the user".into())),
+                Ok(None) if self.stopped() && self.asks => {
+                    if !asked {
+                        ask_to_end(child.id());
+                    }
+                    asked = true;
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+                Ok(None) if self.stopped() => break Err(stopped()),
                 Ok(None) if start.elapsed() > self.timeout => {
                     let seconds = self.timeout.as_secs();
                     break Err(Error::file(&log, format!("{name} was ended after {seconds} s (--timeout)")));
@@ -115,6 +127,7 @@ mod tests {
         Surroundings {
             stop,
             timeout: Duration::from_millis(milliseconds),
+            asks: false,
             environment: vec![("A".into(), "b".into())],
         }
     }
@@ -136,6 +149,26 @@ mod tests {
         assert!(matches!(run(surroundings(&STOP, 9000), "sleep 60"), Err(Error::Interrupted(_))));
         let missing = surroundings(&GO, 9).run(dir.path(), &["no-such-program"]).unwrap_err().to_string();
         assert!(missing.contains("cannot be started"), "{missing}");
+    }
+
+    /// What it does when it is asked is done when the error comes.
+    #[test]
+    fn a_tool_that_is_asked_to_end_saves_first() {
+        static LATER: AtomicU8 = AtomicU8::new(0);
+        let dir = tempfile::tempdir().unwrap();
+        let script =
+            "trap 'sleep 0.2; echo saved > it; exit 1' TERM; echo > begun; while :; do sleep 0.02; done";
+        let begun = dir.path().join("begun");
+        let stop = std::thread::spawn(move || {
+            while !begun.exists() {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            LATER.store(1, Ordering::Relaxed);
+        });
+        let tools = Surroundings { asks: true, ..surroundings(&LATER, 60_000) };
+        assert!(matches!(tools.run(dir.path(), &["sh", "-c", script]), Err(Error::Interrupted(_))));
+        stop.join().unwrap();
+        assert_eq!(std::fs::read_to_string(dir.path().join("it")).unwrap(), "saved\n");
     }
 
     /// A tool that ends leaves nothing of what it started behind.

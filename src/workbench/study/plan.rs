@@ -3,6 +3,7 @@
 use m4gn_base::{Error, Result};
 use m4gn_train::delta::{self, merge, remove};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
@@ -97,6 +98,18 @@ fn one_thread() -> usize {
 
 fn all() -> String {
     "all".into()
+}
+
+impl Data {
+    /// What networks are tested on.
+    pub fn tests(&self) -> Cow<'_, [Test]> {
+        match self.test.is_empty() {
+            true => {
+                Cow::Owned(vec![Test { name: "test".into(), data: self.train.clone(), split: "test".into() }])
+            }
+            false => Cow::Borrowed(&self.test),
+        }
+    }
 }
 
 impl Plan {

@@ -1,6 +1,6 @@
 //! What came of a study: a table a test, for people (text, HTML, Markdown, LaTeX) and for programs (JSON).
 
-use super::{Cell, Plan};
+use super::{Cell, Data, Failure, Plan};
 use m4gn_base::{Result, files};
 use m4gn_report::{Page, Table, number};
 use serde_json::{Value, json};
@@ -95,32 +95,23 @@ pub struct Report {
     title: String,
     sections: Vec<Section>,
     json: Value,
+    /// How many trainings or validations failed.
+    pub failures: usize,
 }
 
 impl Report {
-    /// Of the cells that there are.
-    pub fn new(plan: &Plan, cells: &[Cell], failed: usize) -> Self {
-        let mut report = Report { title: plan.title.clone(), sections: Vec::new(), json: Value::Null };
-        let mut tests = Vec::new();
-        for data in &plan.data {
-            let own: Vec<&Cell> = cells.iter().filter(|c| c.data == data.name).collect();
-            let mut names: Vec<&String> = Vec::new();
-            for (name, ..) in own.iter().flat_map(|c| &c.tests) {
-                if !names.contains(&name) {
-                    names.push(name);
-                }
-            }
-            for name in names {
-                let (section, json) = section(plan, &data.name, name, &own);
-                report.sections.push(section);
-                tests.push(json);
-            }
-        }
-        let trained = |c: &Cell| json!({ "data": c.data, "network": c.network, "seed": c.seed, "training": c.training });
-        report.json = json!({
-            "title": plan.title, "plan": plan, "failed": failed, "tests": tests, "cells": cells.iter().map(trained).collect::<Vec<_>>(),
+    /// Of the cells that there are, and of what failed.
+    pub fn new(plan: &Plan, cells: &[Cell], failures: &[Failure]) -> Self {
+        let tests = plan.data.iter().flat_map(|data| {
+            let tests = data.tests().into_owned().into_iter();
+            tests.map(move |test| section(plan, data, &test.name, (cells, failures)))
         });
-        report
+        let (sections, tests): (Vec<Section>, Vec<Value>) = tests.unzip();
+        let trained = |c: &Cell| json!({ "data": c.data, "network": c.network, "seed": c.seed, "training": c.training });
+        let json = json!({
+            "title": plan.title, "plan": plan, "failed": failures, "tests": tests, "cells": cells.iter().map(trained).collect::<Vec<_>>(),
+        });
+        Report { title: plan.title.clone(), sections, json, failures: failures.len() }
     }
 
     /// The tables as text.
@@ -153,100 +144,173 @@ impl Report {
     }
 }
 
-/// The table of a test, and the same as JSON.
-fn section(plan: &Plan, data: &str, test: &str, cells: &[&Cell]) -> (Section, Value) {
-    let figures =
-        |c: &Cell, n: Option<usize>| c.tests.iter().find(|t| t.0 == test && t.1 == n).map(|t| t.2.clone());
-    let first = cells.iter().find_map(|c| figures(c, None)).unwrap_or_default();
-    let has = |key: &str| cells.iter().filter_map(|c| figures(c, None)).any(|f| f["model"][key].is_number());
-    let shapes: Vec<(&str, &str)> = SHAPES.into_iter().filter(|(key, _)| has(key)).collect();
-    let columns: Vec<(&str, &str)> = HORIZONS.into_iter().chain(TRAJECTORIES).chain(shapes).collect();
-    let unit = first["unit"].as_str().unwrap_or_default();
-    let mut table = Table::new(["network", "weights", "training, min", "ms a step"]);
-    let with_unit = |(key, name): &(&str, &str)| match key.starts_with("rmse")
-        || TRAJECTORIES.iter().any(|t| t.0 == *key)
-    {
-        true => format!("{name} [{unit}]"),
-        false => name.to_string(),
+/// A network's cells of a test, with one number of segments.
+struct Row<'a> {
+    network: &'a str,
+    count: Option<usize>,
+    /// Cells and their figures.
+    own: Vec<(&'a Cell, &'a Value)>,
+}
+
+impl Row<'_> {
+    fn name(&self) -> String {
+        self.count.map_or(self.network.into(), |n| format!("{}, {n} segments", self.network))
+    }
+
+    fn spread(&self, of: impl Fn(&Cell, &Value) -> Option<f64>) -> Option<Spread> {
+        Spread::of(&self.own.iter().map(|(cell, figures)| of(cell, figures)).collect::<Vec<_>>())
+    }
+
+    /// The mean of a figure over these seeds.
+    fn mean(&self, key: &str, seeds: &[u64]) -> Option<f64> {
+        let chosen = self.own.iter().filter(|(cell, _)| seeds.contains(&cell.seed));
+        let values: Vec<_> = chosen.map(|(_, figures)| figure(figures, "model", key)).collect();
+        Spread::of(&values).map(|s| s.mean)
+    }
+
+    fn cells(&self, columns: &[(&str, &str)], seeds: usize) -> Vec<String> {
+        let mean = |of: fn(&Cell, &Value) -> Option<f64>| {
+            self.spread(of).map_or(String::new(), |s| number(s.mean, 3))
+        };
+        let weights = self.own.first().and_then(|(cell, _)| cell.training["weights"].as_u64());
+        let mut row = vec![
+            self.name(),
+            format!("{} of {seeds}", self.own.len()),
+            weights.map_or(String::new(), |n| n.to_string()),
+            mean(|cell, _| Some(cell.training["seconds"].as_f64()? / 60.0)),
+            mean(|_, figures| figures["model"]["ms_per_step"].as_f64()),
+        ];
+        let told = |(key, _): &(&str, &str)| {
+            self.spread(|_, f| figure(f, "model", key)).map_or("-".into(), Spread::text)
+        };
+        row.extend(columns.iter().map(told));
+        row
+    }
+
+    fn json(&self, columns: &[(&str, &str)]) -> Value {
+        let pair = |(key, _): &(&str, &str)| {
+            let s = self.spread(|_, f| figure(f, "model", key))?;
+            Some((key.to_string(), json!({ "mean": s.mean, "deviation": s.deviation })))
+        };
+        let mut json = Value::Object(columns.iter().filter_map(pair).collect());
+        json["network"] = self.name().into();
+        json["seeds"] = self.own.len().into();
+        json["over_diameter"] = over_diameter(self.own.iter().map(|(_, f)| *f));
+        json
+    }
+}
+
+/// By how much a network is ahead of another.
+struct Margin<'a> {
+    part: f64,
+    other: &'a str,
+    /// Those that both have.
+    seeds: Vec<u64>,
+}
+
+/// The margin of a network by a figure over the best of the others, each over the seeds that both have: of another kind, where there is one
+/// (`variants`: there is none).
+fn margin<'a>(
+    rows: &[Row<'a>],
+    (of, key): (&str, &str),
+    is_other: impl Fn(&str) -> bool,
+) -> Option<Margin<'a>> {
+    let trained = || rows.iter().filter(|row| row.count.is_none());
+    let own = trained().find(|row| row.network == of)?;
+    let over = |other: &Row<'a>| {
+        let has = |seed: &u64| other.own.iter().any(|(cell, _)| cell.seed == *seed);
+        let seeds: Vec<u64> = own.own.iter().map(|(cell, _)| cell.seed).filter(has).collect();
+        let theirs = other.mean(key, &seeds).filter(|mean| mean.is_finite())?;
+        Some(Margin { part: 1.0 - own.mean(key, &seeds)? / theirs, other: other.network, seeds })
     };
-    table.headers.extend(columns.iter().map(with_unit));
+    let all = trained().filter(|row| row.network != of && is_other(row.network)).filter_map(over);
+    all.min_by(|a, b| a.part.total_cmp(&b.part)).filter(|margin| margin.part.is_finite())
+}
+
+/// The table of a test, and the same as JSON.
+fn section(
+    plan: &Plan,
+    data: &Data,
+    test: &str,
+    (cells, failures): (&[Cell], &[Failure]),
+) -> (Section, Value) {
+    let own: Vec<&Cell> = cells.iter().filter(|c| c.data == data.name).collect();
+    let figures = |c: &'_ Cell, n: Option<usize>| c.tests.iter().position(|t| t.0 == test && t.1 == n);
     let mut rows = Vec::new();
-    for network in &plan.network {
+    for network in plan.network.iter().filter(|n| n.data.as_ref().is_none_or(|d| d.contains(&data.name))) {
         for count in std::iter::once(None).chain(network.segments.iter().map(|&n| Some(n))) {
-            let own = cells.iter().filter(|c| c.network == network.name);
-            let own: Vec<(&Cell, Value)> = own.filter_map(|c| Some((*c, figures(c, count)?))).collect();
-            if own.is_empty() {
-                continue;
-            }
-            let spread = |of: &dyn Fn(&(&Cell, Value)) -> Option<f64>| {
-                Spread::of(&own.iter().map(of).collect::<Vec<_>>())
-            };
-            let training = |key: &str, unit: f64| spread(&|(c, _)| Some(c.training[key].as_f64()? / unit));
-            let scores: Vec<Option<Spread>> =
-                columns.iter().map(|(key, _)| spread(&|(_, f)| figure(f, "model", key))).collect();
-            let name = count.map_or(network.name.clone(), |n| format!("{}, {n} segments", network.name));
-            let told = |s: Option<Spread>| s.map_or(String::new(), Spread::text);
-            let weights = own[0].0.training["weights"].as_u64().unwrap_or(0);
-            let mean = |s: Option<Spread>| s.map_or(String::new(), |s| number(s.mean, 3));
-            let mut row = vec![name.clone(), weights.to_string(), mean(training("seconds", 60.0))];
-            row.push(mean(spread(&|(_, f)| f["model"]["ms_per_step"].as_f64())));
-            row.extend(scores.iter().map(|s| told(*s)));
-            table.row(row);
-            let pairs =
-                columns.iter().zip(&scores).filter_map(|((key, _), s)| Some((key.to_string(), (*s)?)));
-            let json = pairs.map(|(key, s)| (key, json!({ "mean": s.mean, "deviation": s.deviation })));
-            let mut json = Value::Object(json.collect());
-            json["network"] = name.into();
-            json["seeds"] = own.len().into();
-            json["over_diameter"] = over_diameter(own.iter().map(|(_, f)| f));
-            rows.push((network.name.as_str(), count, [scores[2], scores[3]], json));
+            let found = own.iter().filter(|c| c.network == network.name);
+            let found = found.filter_map(|&c| Some((c, &c.tests[figures(c, count)?].2)));
+            rows.push(Row { network: &network.name, count, own: found.collect() });
         }
     }
+    let all = || rows.iter().filter(|r| r.count.is_none()).flat_map(|r| r.own.iter().map(|(_, f)| *f));
+    let none = Value::Null;
+    let first = all().next().unwrap_or(&none);
+    let shapes = SHAPES.into_iter().filter(|(key, _)| all().any(|f| f["model"][*key].is_number()));
+    let columns: Vec<(&str, &str)> = HORIZONS.into_iter().chain(TRAJECTORIES).chain(shapes).collect();
+    let unit = first["unit"].as_str().unwrap_or_default();
+    let mut table = Table::new(["network", "seeds", "weights", "training, min", "ms a step"]);
+    let has_unit = |key: &str| key.starts_with("rmse") || TRAJECTORIES.iter().any(|t| t.0 == key);
+    let header = |(key, name): &(&str, &str)| {
+        if has_unit(key) { format!("{name} [{unit}]") } else { name.to_string() }
+    };
+    table.headers.extend(columns.iter().map(header));
+    rows.iter().for_each(|row| table.row(row.cells(&columns, plan.seeds.len())));
     let mut baselines = serde_json::Map::new();
     for (key, name) in BASELINES {
-        let mut row = vec![name.to_string(), String::new(), String::new(), String::new()];
-        let told = |c: &(&str, &str)| figure(&first, key, c.0).map_or("-".into(), |v| number(v, 3));
+        let mut row = [name, "", "", "", ""].map(String::from).to_vec();
+        let told = |c: &(&str, &str)| figure(first, key, c.0).map_or("-".into(), |v| number(v, 3));
         row.extend(columns.iter().map(told));
         table.row(row);
         baselines.insert(key.into(), first[key].clone());
     }
     let of = plan.margin_of.as_ref().unwrap_or(&plan.network[0].name);
-    // Over the best of the others, with its name, by RMSE-all and by its median over the trajectories: of another kind, where there is one.
-    let kind = plan.kind(data, of);
-    let alike: Vec<bool> = rows.iter().map(|r| kind.is_some() && plan.kind(data, r.0) == kind).collect();
-    let variants = !alike.contains(&false);
-    let [margin, by_median] = [0, 1].map(|i: usize| {
-        let trained = || rows.iter().zip(&alike).filter(|(r, _)| r.1.is_none());
-        let scored = || trained().filter_map(|(r, alike)| Some((r.0, r.2[i]?.mean, *alike)));
-        let own = scored().find(|(name, ..)| name == of)?.1;
-        let others = scored().filter(|(name, _, alike)| name != of && (variants || !alike));
-        let (name, other, _) = others.min_by(|a, b| a.1.total_cmp(&b.1))?;
-        let margin = 1.0 - own / other;
-        margin.is_finite().then_some((margin, name))
-    });
-    let mut note = format!(
-        "{} trajectories, {}; mean ± standard deviation over seeds, {} each.",
-        first["splits"]
-            .as_object()
-            .map_or(0, |s| s.values().filter_map(|v| v["trajectories"].as_u64()).sum()),
-        first["field"].as_str().unwrap_or("field"),
-        match (plan.steps, plan.minutes) {
-            (Some(steps), _) => format!("{steps} updates"),
-            (_, minutes) => format!("{} min of training", number(minutes.unwrap_or(0.0), 3)),
+    let kind = plan.kind(&data.name, of);
+    let is_alike = |network: &str| kind.is_some() && plan.kind(&data.name, network) == kind;
+    let variants = rows.iter().all(|row| is_alike(row.network));
+    let is_other = |network: &str| variants || !is_alike(network);
+    let [all, median] = ["rmse_all", "median"].map(|key| margin(&rows, (of, key), is_other));
+    let mut note = note(plan, first);
+    for (margin, what) in [(&all, "RMSE-all"), (&median, "The median")] {
+        let Some(Margin { part, other, seeds }) = margin else { continue };
+        let (percent, way) = (number(100.0 * part.abs(), 2), if *part < 0.0 { "above" } else { "below" });
+        let whose = if variants { "other network" } else { "network of another kind" };
+        note += &format!(" {what} of {of} is {percent} % {way} that of the best {whose}, {other}");
+        if seeds.len() < plan.seeds.len() {
+            let seeds: Vec<String> = seeds.iter().map(u64::to_string).collect();
+            note += &format!(", over the seeds that both have: {}", seeds.join(", "));
         }
-    );
-    for (margin, what) in [(margin, "RMSE-all"), (by_median, "The median")] {
-        let Some((margin, name)) = margin else { continue };
-        let (percent, way) = (number(100.0 * margin.abs(), 2), if margin < 0.0 { "above" } else { "below" });
-        let other = if variants { "other network" } else { "network of another kind" };
-        note += &format!(" {what} of {of} is {percent} % {way} that of the best {other}, {name}.");
+        note += ".";
     }
-    let heading = format!("{data}, {test}");
+    for f in failures.iter().filter(|f| f.data == data.name) {
+        // In a line: it becomes a comment as well.
+        let error: Vec<&str> = f.error.split_whitespace().collect();
+        note +=
+            &format!(" Failed: {}, seed {}: {}.", f.network, f.seed, error.join(" ").trim_end_matches('.'));
+    }
+    let seeds = |margin: &Option<Margin>| margin.as_ref().map(|m| m.seeds.clone());
+    let part = |margin: &Option<Margin>| margin.as_ref().map(|m| m.part);
     let json = json!({
-        "data": data, "test": test, "field": first["field"], "unit": unit, "margin": margin.map(|m| m.0), "margin_of_medians": by_median.map(|m| m.0), "margin_of": of,
-        "networks": rows.into_iter().map(|r| r.3).collect::<Vec<_>>(), "baselines": baselines,
+        "data": data.name, "test": test, "field": first["field"], "unit": unit, "margin": part(&all), "margin_seeds": seeds(&all),
+        "margin_of_medians": part(&median), "margin_of": of,
+        "networks": rows.iter().filter(|r| !r.own.is_empty()).map(|r| r.json(&columns)).collect::<Vec<_>>(), "baselines": baselines,
     });
-    (Section { heading, note, table }, json)
+    (Section { heading: format!("{}, {test}", data.name), note, table }, json)
+}
+
+/// What a table is of.
+fn note(plan: &Plan, figures: &Value) -> String {
+    let splits = figures["splits"].as_object().into_iter().flat_map(|s| s.values());
+    let trajectories: u64 = splits.filter_map(|v| v["trajectories"].as_u64()).sum();
+    let budget = match (plan.steps, plan.minutes) {
+        (Some(steps), _) => format!("{steps} updates"),
+        (_, minutes) => format!("{} min of training", number(minutes.unwrap_or(0.0), 3)),
+    };
+    format!(
+        "{trajectories} trajectories, {}; mean ± standard deviation over seeds, {budget} each.",
+        figures["field"].as_str().unwrap_or("field")
+    )
 }
 
 /// Data of the paper's Figure 4b: each trajectory's graph diameter and its RMSE-all, mean over the seeds, by ascending diameter.
@@ -279,26 +343,31 @@ mod tests {
         }
     }
 
+    fn plan(seeds: &str) -> Plan {
+        toml::from_str(&format!(
+            "title = 't'\nsteps = 9\nseeds = {seeds}\n[[data]]\nname = 'flow'\ntrain = 'd'\nconfig = 'c'\n[[network]]\nname = 'M4GN'\n[[network]]\nname = 'GCN'\n[[network]]\nname = 'MGN'\n",
+        ))
+        .unwrap()
+    }
+
     #[test]
     fn seeds_are_averaged_and_the_margin_is_over_the_best_other() {
-        let plan: Plan = toml::from_str(
-            "title = 't'\nsteps = 9\n[[data]]\nname = 'flow'\ntrain = 'd'\nconfig = 'c'\n[[network]]\nname = 'M4GN'\n[[network]]\nname = 'GCN'\n[[network]]\nname = 'MGN'\n",
-        )
-        .unwrap();
         let cells = [
             cell("M4GN", 1, json!(0.2)),
             cell("M4GN", 2, json!(0.4)),
             cell("GCN", 1, json!(0.5)),
+            cell("GCN", 2, json!(0.5)),
             cell("MGN", 1, Value::Null),
+            cell("MGN", 2, json!(0.1)),
         ];
-        let report = Report::new(&plan, &cells, 1);
+        let report = Report::new(&plan("[1, 2]"), &cells, &[]);
         let text = report.text();
         for expected in [
             "0.300 ± 0.14",
             "not finite",
-            "RMSE-all of M4GN is 40 % below that of the best network of another kind, GCN",
+            "RMSE-all of M4GN is 40 % below that of the best network of another kind, GCN.",
             // Of 0.1 and 0.2, and 0.1 and 0.4; of 0.1 and 0.5.
-            "The median of M4GN is 33 % below that of the best network of another kind, GCN",
+            "The median of M4GN is 33 % below that of the best network of another kind, GCN.",
             "0.200 ± 0.071",
             "persistence",
             "dmd",
@@ -311,11 +380,52 @@ mod tests {
         let over = &test["networks"][0]["over_diameter"];
         assert_eq!((&over[0]["diameter"], &over[0]["path"]), (&json!(11), &json!("a")));
         assert!((over[1]["rmse_all"].as_f64().unwrap() - 0.3).abs() < 1e-12, "{over}");
-        assert_eq!((&test["networks"][0]["seeds"], &report.json["failed"]), (&json!(2), &json!(1)));
+        assert_eq!((&test["networks"][0]["seeds"], &report.json["failed"]), (&json!(2), &json!([])));
         let dir = tempfile::tempdir().unwrap();
         report.write(dir.path()).unwrap();
         let read = |name: &str| std::fs::read_to_string(dir.path().join(name)).unwrap();
-        assert!(read("study.md").contains("| M4GN | 1234 |"), "{}", read("study.md"));
+        assert!(read("study.md").contains("| M4GN | 2 of 2 | 1234 |"), "{}", read("study.md"));
         assert!(read("study.tex").contains(r"$\pm$") && read("study.html").contains("<td>M4GN</td>"));
+    }
+
+    /// A seed that failed is in no mean, and in no margin; every table says so.
+    #[test]
+    fn what_failed_is_in_each_table_and_margins_are_of_seeds_that_both_have() {
+        let failure = |network: &str, seed| {
+            let error = "log.train: m4gn failed:\nit has diverged.".to_string();
+            Failure { data: "flow".into(), network: network.into(), seed, error }
+        };
+        let cells = [
+            cell("M4GN", 1, json!(0.2)),
+            cell("M4GN", 3, json!(0.9)),
+            cell("GCN", 1, json!(0.5)),
+            cell("GCN", 2, json!(0.1)),
+        ];
+        let failures =
+            [failure("M4GN", 2), failure("GCN", 3), failure("MGN", 1), failure("MGN", 2), failure("MGN", 3)];
+        let report = Report::new(&plan("[1, 2, 3]"), &cells, &failures);
+        let dir = tempfile::tempdir().unwrap();
+        report.write(dir.path()).unwrap();
+        for name in ["study.md", "study.html", "study.tex"] {
+            let text = std::fs::read_to_string(dir.path().join(name)).unwrap();
+            for expected in [
+                "2 of 3",
+                "0 of 3",
+                "Failed: M4GN, seed 2: log.train: m4gn failed: it has diverged. Failed: GCN, seed 3: ",
+                // 0.2 over 0.5, those of seed 1
+                "RMSE-all of M4GN is 60 % below that of the best network of another kind, GCN, over the seeds that both have: 1.",
+            ] {
+                assert!(text.contains(expected), "{name}, {expected}: {text}");
+            }
+        }
+        assert_eq!((report.failures, &report.json["tests"][0]["margin_seeds"]), (5, &json!([1])));
+        assert_eq!(
+            report.json["failed"][1],
+            json!({ "data": "flow", "network": "GCN", "seed": 3, "error": failures[0].error })
+        );
+        // None has a seed of the other.
+        let report =
+            Report::new(&plan("[1, 2]"), &[cell("M4GN", 1, json!(0.2)), cell("GCN", 2, json!(0.1))], &[]);
+        assert!(!report.text().contains("M4GN is"), "{}", report.text());
     }
 }
