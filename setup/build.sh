@@ -37,10 +37,10 @@ build_crates() {
 # Another OpenFOAM than last time: nothing of the old build fits.
 build_function_objects() {
     if [ "$(cat target/openfoam/.probe 2>/dev/null)" != "$foam" ]; then
-        rm -rf target/{openfoam,solids4foam} lib/libm4gn{Foam,Accelerators,Solids4Foam}.so && mkdir -p target/openfoam && echo "$foam" >target/openfoam/.probe ||
-            return
+        rm -rf target/{openfoam,solids4foam} lib/libm4gn{Foam,Accelerators,Solids4Foam}.so || return
     fi
-    cmake -S openfoam -B target/openfoam -G Ninja -DCMAKE_BUILD_TYPE=Release && cmake --build target/openfoam
+    configure openfoam target/openfoam -DCMAKE_BUILD_TYPE=Release && echo "$foam" >target/openfoam/.probe &&
+        cmake --build target/openfoam
 }
 
 if [ ! -e target/release/.fingerprint ]; then step "dependencies kept from earlier" cargo_cache_restore || true; fi

@@ -53,6 +53,15 @@ die() {
     exit 1
 }
 
+# configure SOURCE BUILD [OPTION...]: CMake, anew where BUILD was made elsewhere: of a checkout that was moved or copied it refuses its cache.
+configure() {
+    local source build=$2
+    source=$(cd "$1" && pwd -P) || return
+    shift 2
+    grep -qsxF "CMAKE_HOME_DIRECTORY:INTERNAL=$source" "$build/CMakeCache.txt" || rm -rf "$build"
+    cmake -S "$source" -B "$build" -G Ninja "$@"
+}
+
 # The log file of a step.
 log_of() { printf '%s/%s.log' "$M4GN_LOGS" "$(printf '%s' "$1" | tr -cs 'A-Za-z0-9._-' '-')"; }
 

@@ -85,16 +85,14 @@ prepare() {
 build() {
     # The probe for OpenFOAM comes along, so that nothing there depends on this checkout.
     rm -rf "$into"/{cmake,setup} && cp -r "$M4GN_HOME"/{cmake,setup} "$into" || return
-    # Where the folder had another name before, CMake refuses its cache.
-    grep -qsxF "CMAKE_HOME_DIRECTORY:INTERNAL=$into/cmake/solids4foam" "$into/build/CMakeCache.txt" || rm -rf "$into/build"
-    cmake -S "$into/cmake/solids4foam" -B "$into/build" -G Ninja -DCMAKE_BUILD_TYPE=Release \
+    configure "$into/cmake/solids4foam" "$into/build" -DCMAKE_BUILD_TYPE=Release \
         -DSOLIDS4FOAM_SOURCE="$into/source" -DCMAKE_INSTALL_PREFIX="$into" &&
         cmake --build "$into/build" && cmake --install "$into/build"
 }
 
 # libm4gnSolids4Foam.so, which asks the solver's material law
 build_m4gn() {
-    cmake -S "$M4GN_HOME/openfoam/solids4foam" -B "$M4GN_HOME/target/solids4foam" -G Ninja -DCMAKE_BUILD_TYPE=Release \
+    configure "$M4GN_HOME/openfoam/solids4foam" "$M4GN_HOME/target/solids4foam" -DCMAKE_BUILD_TYPE=Release \
         -DSOLIDS4FOAM_DIR="$SOLIDS4FOAM_DIR" -DSOLIDS4FOAM_LIB_DIR="$SOLIDS4FOAM_LIB_DIR" && cmake --build "$M4GN_HOME/target/solids4foam"
 }
 

@@ -48,3 +48,14 @@ for other in OpenFOAM-13 OpenFOAM-dev foam-4.1; do
     refused "what is sourced is $name .*$other, and m4gn needs .*openfoam.com" env -u WM_PROJECT -u WM_PROJECT_VERSION \
         WM_PROJECT_DIR="$PWD/$other" cmake -S "$M4GN_HOME/openfoam" -B "$work/refused"
 done
+
+# A checkout that was moved, or copied, is configured anew
+mkdir -p "$work/old/source" && echo 'cmake_minimum_required(VERSION 3.18)
+project(moved NONE)' > "$work/old/source/CMakeLists.txt"
+runs configure "$work/old/source" "$work/old/build"
+touch "$work/old/build/kept"
+runs configure "$work/old/source" "$work/old/build"
+[ -e "$work/old/build/kept" ] || fail "a build folder that is where it was made is made anew"
+cp -r "$work/old" "$work/copy"
+runs configure "$work/copy/source" "$work/copy/build"
+grep -q "$work/copy/source" "$work/copy/build/CMakeCache.txt" || fail "the copy is that of the old folder"
