@@ -130,7 +130,7 @@ bool Foam::m4gnFlowCompletion::applies(const fvMesh& mesh, const dictionary& dic
 
 Foam::m4gnFlowCompletion::m4gnFlowCompletion(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnCompletion(mesh, dict, session), UName_(dict.getOrDefault<word>("U", "U")),
+    : m4gnCompletion(mesh, session), UName_(dict.getOrDefault<word>("U", "U")),
       pName_(dict.getOrDefault<word>("p", "p")), phiName_(dict.getOrDefault<word>("phi", "phi")),
       projection_(mesh, dict),
       pressure_(

@@ -86,7 +86,7 @@ void Foam::m4gnCompletion::checkAdvanced(const wordList& needed, const word& sch
     }
 }
 
-Foam::m4gnCompletion::m4gnCompletion(const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
+Foam::m4gnCompletion::m4gnCompletion(const fvMesh& mesh, const m4gnSession& session)
     : mesh_(mesh), time_(const_cast<Time&>(mesh.time())), session_(session)
 {
     if (session_.stride() < time_.deltaTValue() * (1 - 1e-6)) {

@@ -72,15 +72,15 @@ void Foam::m4gnDisplacementCompletion::checkSolver(const HashTable<wordList>& ra
 }
 
 Foam::m4gnDisplacementCompletion::m4gnDisplacementCompletion(
-    const fvMesh& mesh, const dictionary& dict, const m4gnSession& session, const word& DName)
-    : m4gnCompletion(mesh, dict, session), DName_(DName),
+    const fvMesh& mesh, const m4gnSession& session, const word& DName)
+    : m4gnCompletion(mesh, session), DName_(DName),
       scheme_(m4gn::scheme(mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName + ')')),
       dynamic_(scheme_ != "steadyState"), followed_(false)
 {}
 
 Foam::m4gnDisplacementCompletion::m4gnDisplacementCompletion(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnDisplacementCompletion(mesh, dict, session, displacementName(dict))
+    : m4gnDisplacementCompletion(mesh, session, displacementName(dict))
 {
     checkSolver({{"Euler", {m4gnOwnFields::rateOf(DName_)}}, {"steadyState", {}}}, "");
 }

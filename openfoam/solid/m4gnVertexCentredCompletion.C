@@ -55,7 +55,7 @@ bool Foam::m4gnVertexCentredCompletion::applies(const fvMesh& mesh, const dictio
 
 Foam::m4gnVertexCentredCompletion::m4gnVertexCentredCompletion(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnDisplacementCompletion(mesh, dict, session, displacementName(dict, "pointD"))
+    : m4gnDisplacementCompletion(mesh, session, displacementName(dict, "pointD"))
 {
     checkSolver(
         {{"Euler", {"pointU"}}, {"NewmarkBeta", {"pointU", "pointA"}}, {"steadyState", {}}},

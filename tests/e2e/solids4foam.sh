@@ -326,9 +326,9 @@ actions
 );
 EOD
     clean_case
-    cp -r constant/polyMesh ../one && runs topoSet
+    cp -r constant/polyMesh ../no-zones && runs topoSet
     refused 'of one material' solids4Foam
-    rm -rf constant/polyMesh && mv ../one constant/polyMesh
+    rm -rf constant/polyMesh && mv ../no-zones constant/polyMesh
     # Beside a surrogate: no step after a jump is at the solver's limit, which rough errors would take it to
     model nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000 Euler
     clean_case
