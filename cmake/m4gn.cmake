@@ -16,6 +16,13 @@ add_library(m4gn::header INTERFACE IMPORTED)
 target_include_directories(m4gn::header INTERFACE "${M4GN_HOME}/cpp/include")
 target_link_libraries(m4gn::core INTERFACE m4gn::header)
 
+# The archive of src/averages/capi with its header: m4gn::averages
+set(M4GN_AVERAGES_ARCHIVE "${M4GN_HOME}/target/release/libm4gn_averages_capi.a" CACHE FILEPATH "Cargo's archive of src/averages/capi")
+add_library(m4gn::averages STATIC IMPORTED)
+set_target_properties(m4gn::averages PROPERTIES IMPORTED_LOCATION "${M4GN_AVERAGES_ARCHIVE}")
+target_include_directories(m4gn::averages INTERFACE "${M4GN_HOME}/src/averages/capi")
+target_link_libraries(m4gn::averages INTERFACE ${CMAKE_DL_LIBS} pthread m)
+
 # Our own code is held to these; the headers of others are SYSTEM and stay quiet. (m4gn.h is ours: see the targets'
 # NO_SYSTEM_FROM_IMPORTED.)
 add_compile_options(-Wall -Wextra -Wpedantic)

@@ -37,9 +37,10 @@ build_crates() {
 # Another OpenFOAM than last time: nothing of the old build fits.
 build_function_objects() {
     if [ "$(cat target/openfoam/.probe 2>/dev/null)" != "$foam" ]; then
-        rm -rf target/{openfoam,solids4foam} lib/libm4gn{Foam,Accelerators,Solids4Foam}.so || return
+        rm -rf target/{openfoam,solids4foam} lib/libm4gn{Foam,Accelerators,Averages,Solids4Foam}.so || return
     fi
-    configure openfoam target/openfoam -DCMAKE_BUILD_TYPE=Release && echo "$foam" >target/openfoam/.probe &&
+    configure openfoam target/openfoam -DCMAKE_BUILD_TYPE=Release \
+        -DM4GN_AVERAGES_ARCHIVE="$CARGO_TARGET_DIR/release/libm4gn_averages_capi.a" && echo "$foam" >target/openfoam/.probe &&
         cmake --build target/openfoam
 }
 

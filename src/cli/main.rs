@@ -4,6 +4,7 @@
 #[macro_use]
 mod output;
 
+pub mod averages;
 pub mod bench;
 pub mod calibrate;
 pub mod check;
@@ -47,6 +48,7 @@ enum Command {
     Train(train::Args),
     Validate(validate::Args),
     Predict(predict::Args),
+    Averages(averages::Args),
     Calibrate(calibrate::Args),
     Convert(convert::Args),
     Compare(compare::Args),
@@ -69,6 +71,7 @@ fn main() -> ExitCode {
         Command::Train(args) => utf8_arguments().and_then(|()| train::run(args)),
         Command::Validate(args) => validate::run(args),
         Command::Predict(args) => predict::run(args),
+        Command::Averages(args) => averages::run(args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Convert(args) => convert::run(args),
         Command::Compare(args) => compare::run(args),

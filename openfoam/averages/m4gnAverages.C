@@ -1,0 +1,342 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#include "m4gnAverages.H"
+#include "OSspecific.H"
+#include "addToRunTimeSelectionTable.H"
+#include "m4gnDictionary.H"
+#include "m4gnVersion.H"
+#include "vector.H"
+
+#include <cmath>
+
+namespace Foam
+{
+namespace functionObjects
+{
+defineTypeNameAndDebug(m4gnAverages, 0);
+addToRunTimeSelectionTable(functionObject, m4gnAverages, dictionary);
+}
+}
+
+namespace
+{
+using namespace Foam;
+
+//- FatalIOError that says what the entry has to be, unless it is that
+void expect(const bool good, const dictionary& dict, const word& key, const char* expected)
+{
+    if (!good) {
+        FatalIOErrorInFunction(dict) << "Entry " << key << " of " << dict.dictName() << ": expected "
+                                     << expected << ", found " << dict.getOrDefault<token>(key, token())
+                                     << exit(FatalIOError);
+    }
+}
+
+//- A number as JSON has it
+std::string number(const double value) { return std::isfinite(value) ? m4gn::text(value) : "null"; }
+
+} // End anonymous namespace
+
+void Foam::functionObjects::m4gnAverages::readQuantities(const dictionary& dict)
+{
+    const dictionary& all = dict.subDict("quantities");
+    if (all.empty()) {
+        FatalIOErrorInFunction(dict) << "Entry quantities of " << dict.dictName()
+                                     << ": expected a dictionary for each figure, as in Cd { functionObject "
+                                        "forces; result Cd; }, found none"
+                                     << exit(FatalIOError);
+    }
+    quantities_.clear();
+    averages_.reset(m4gn_averages_new(confidence_));
+
+    for (const entry& e : all) {
+        expect(e.isDict(), all, e.keyword(), "a dictionary, as in { functionObject forces; result Cd; }");
+        const dictionary& of = e.dict();
+        m4gn::checkKeys(
+            of, {"functionObject", "result", "component", "statistic", "tolerance", "relative"}, false);
+
+        quantity q;
+        q.name = e.keyword();
+        of.readEntry("functionObject", q.functionObject);
+        of.readEntry("result", q.result);
+        const word component(of.getOrDefault<word>("component", "none"));
+        q.component = component == "x" ? 0 : component == "y" ? 1 : component == "z" ? 2 : -1;
+        expect(q.component >= 0 || !of.found("component"), of, "component", "x, y or z");
+        const word statistic(of.getOrDefault<word>("statistic", "mean"));
+        expect(statistic == "mean" || statistic == "rms", of, "statistic", "mean or rms");
+        q.ofRms = statistic == "rms";
+        q.relative = of.found("relative");
+        const word limit(q.relative ? "relative" : "tolerance");
+        q.tolerance = of.getOrDefault<scalar>(limit, 0);
+        expect(q.tolerance > 0 || !of.found(limit), of, limit, "a positive number");
+        if (q.relative && of.found("tolerance")) {
+            FatalIOErrorInFunction(of) << "Entries tolerance and relative of " << of.dictName()
+                                       << ": expected one of them, found both" << exit(FatalIOError);
+        }
+
+        quantities_.append(q);
+        m4gn_averages_add(averages_.get(), q.name.c_str(), q.tolerance, q.relative, q.ofRms);
+    }
+}
+
+void Foam::functionObjects::m4gnAverages::start()
+{
+    if (started_) {
+        return;
+    }
+    started_ = true;
+    last_ = time_.startTime().value();
+
+    wordList others;
+    const functionObjectList& list = time_.functionObjects();
+    forAll(list, i) {
+        others.append(list[i].name());
+    }
+    for (const quantity& q : quantities_) {
+        if (!others.found(q.functionObject)) {
+            FatalErrorInFunction << "Quantity " << q.name << " of " << name() << " is of functionObject "
+                                 << q.functionObject << ", which this run has not" << nl
+                                 << "    It has: " << m4gn::join(others) << exit(FatalError);
+        }
+    }
+
+    string note;
+    if (Pstream::master()) {
+        const fileName path(stateFile(last_));
+        char why[1000] = "";
+        if (isFile(path)) {
+            note = m4gn_averages_load(averages_.get(), path.c_str(), why, sizeof(why)) == 0
+                       ? "carries on with the series of " + path
+                       : string("begins anew: ") + why;
+        } else if (time_.startTimeIndex() > 0) {
+            note = "begins anew: there is no " + path;
+        }
+    }
+    if (note.size()) {
+        Info << "m4gn: " << name() << ' ' << note.c_str() << nl << endl;
+    }
+}
+
+Foam::fileName Foam::functionObjects::m4gnAverages::stateFile(const scalar time) const
+{
+    // A file handler that collates has the times of all ranks in one folder
+    const fileName at(time_.path() / Time::timeName(time));
+    const fileName ranks(fileHandler().filePath(at));
+
+    return (ranks.empty() ? at : ranks) / "uniform" / (name() + ".state");
+}
+
+bool Foam::functionObjects::m4gnAverages::value(const quantity& from, scalar& found)
+{
+    const word type(objectResultType(from.functionObject, from.result));
+
+    if (type == pTraits<scalar>::typeName) {
+        return getObjectResult(from.functionObject, from.result, found);
+    }
+    if (type == pTraits<label>::typeName) {
+        label whole = 0;
+        const bool there = getObjectResult(from.functionObject, from.result, whole);
+        found = whole;
+        return there;
+    }
+    if (type == pTraits<vector>::typeName && from.component >= 0) {
+        vector all(Zero);
+        const bool there = getObjectResult(from.functionObject, from.result, all);
+        found = all[from.component];
+        return there;
+    }
+    if (type.size()) {
+        FatalErrorInFunction << "Quantity " << from.name << " of " << name() << ": " << from.result << " of "
+                             << from.functionObject << " is a " << type << nl
+                             << "    Expected a scalar, or a vector with component x, y or z"
+                             << exit(FatalError);
+    }
+
+    const wordList others(objectResultEntries(from.functionObject));
+    if (others.size()) {
+        FatalErrorInFunction << "Quantity " << from.name << " of " << name() << ": " << from.functionObject
+                             << " publishes no " << from.result << nl
+                             << "    It publishes: " << m4gn::join(others) << exit(FatalError);
+    }
+    if (silent_.insert(from.name)) {
+        Info << "m4gn: " << name() << " waits for " << from.functionObject
+             << ", which has published no result yet; have it in front of " << name() << nl << endl;
+    }
+    return false;
+}
+
+bool Foam::functionObjects::m4gnAverages::fromSurrogate() const
+{
+    // m4gnSurrogate keeps the solver's time step there within a jump, and 0 outside
+    for (const entry& e : m4gn::properties(const_cast<Time&>(time_).functionObjects())) {
+        if (e.isDict() && e.dict().getOrDefault<scalar>("solverDeltaT", 0) > 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+bool Foam::functionObjects::m4gnAverages::check()
+{
+    bool all = true, any = false;
+    std::string row(m4gn::text(time_.value())), json("{\n  \"time\": " + row);
+
+    forAll(quantities_, i) {
+        const quantity& q = quantities_[i];
+        m4gn_averages_figures f{};
+        const bool found = m4gn_averages_check(averages_.get(), i, &f) == 0;
+        const bool asked = q.tolerance > 0;
+        any = any || asked;
+        all = all && (!asked || f.settled);
+        char line[1000] = "";
+        m4gn_averages_line(averages_.get(), i, line, sizeof(line));
+        Info << "m4gn: " << line << (asked ? (f.settled ? ", known" : ", not known yet") : "") << nl;
+        if (!found) {
+            f.half_width = f.rms_half_width = GREAT * GREAT;
+        }
+        const double columns[] = {f.mean,           f.half_width,          f.rms,
+                                  f.rms_half_width, f.frequency,           f.frequency_resolution,
+                                  f.transient_end,  f.independent_samples, f.surrogate_share};
+        const char* const keys[] = {"mean",           "half_width",          "rms",
+                                    "rms_half_width", "frequency",           "frequency_resolution",
+                                    "transient_end",  "independent_samples", "surrogate_share"};
+        json += ",\n  " + m4gn::quoted(q.name) + ": {\n    \"settled\": " + (f.settled ? "true" : "false")
+                + ",\n    \"rows\": " + std::to_string(f.rows);
+        for (unsigned k = 0; k < sizeof(keys) / sizeof(*keys); ++k) {
+            const bool none = !found || ((k == 4 || k == 5) && f.frequency == 0);
+            row += '\t' + (none ? std::string("nan") : m4gn::text(columns[k]));
+            json += std::string(",\n    \"") + keys[k] + "\": " + (none ? "null" : number(columns[k]));
+        }
+        json += "\n  }";
+    }
+    Info << endl;
+
+    const fileName dir(outputDir()), table(dir / "averages.dat");
+    const bool begun = isFile(table) && lastCheck_ > 0;
+    mkDir(dir);
+    {
+        OFstream os(table, IOstream::ASCII, IOstream::currentVersion, IOstream::UNCOMPRESSED, begun);
+        if (!begun) {
+            os << "# Time";
+            for (const quantity& q : quantities_) {
+                for (const char* key :
+                     {"", "_half_width", "_rms", "_rms_half_width", "_frequency", "_frequency_resolution",
+                      "_transient_end", "_independent_samples", "_surrogate_share"})
+                {
+                    os << tab << (q.name + key).c_str();
+                }
+            }
+            os << nl;
+        }
+        os << row.c_str() << endl;
+    }
+    const fileName part(dir / ".averages.json");
+    {
+        OFstream os(part);
+        os << (json + "\n}").c_str() << endl;
+    }
+    mv(part, dir / "averages.json");
+
+    return all && any;
+}
+
+Foam::fileName Foam::functionObjects::m4gnAverages::outputDir() const
+{
+    return time_.globalPath() / "postProcessing" / name() / Time::timeName(time_.startTime().value());
+}
+
+Foam::functionObjects::m4gnAverages::m4gnAverages(
+    const word& name, const Time& runTime, const dictionary& dict)
+    : stateFunctionObject(name, runTime), averages_(nullptr, m4gn_averages_free), confidence_(0.95),
+      minTime_(0), stop_(false), checkInterval_(1), last_(0), lastCheck_(0), started_(false), known_(false)
+{
+    read(dict);
+}
+
+bool Foam::functionObjects::m4gnAverages::read(const dictionary& dict)
+{
+    // Errors here must be FatalIOError: OpenFOAM turns FatalError during
+    // construction into a warning and goes on without the function object.
+
+    stateFunctionObject::read(dict);
+    m4gn::checkKeys(dict, {"quantities", "confidence", "stop", "minTime", "checkInterval"}, true);
+    if (!dict.isDict("quantities")) {
+        FatalIOErrorInFunction(dict)
+            << "Entry quantities of " << dict.dictName()
+            << ": expected a dictionary, as in quantities { Cd { functionObject forces; result Cd; } }"
+            << exit(FatalIOError);
+    }
+    confidence_ = dict.getOrDefault<scalar>("confidence", 0.95);
+    expect(confidence_ > 0 && confidence_ < 1, dict, "confidence", "a number between 0 and 1, without them");
+    minTime_ = dict.getOrDefault<scalar>("minTime", 0);
+    m4gn::checkAtLeast(dict, "minTime", minTime_, 0);
+    stop_ = dict.getOrDefault<bool>("stop", false);
+    checkInterval_ = dict.getOrDefault<label>("checkInterval", 1);
+    m4gn::checkAtLeast(dict, "checkInterval", checkInterval_, 1);
+    readQuantities(dict);
+    started_ = false;
+
+    return true;
+}
+
+bool Foam::functionObjects::m4gnAverages::execute()
+{
+    start();
+
+    const scalar now = time_.value();
+    // Executed again at the run's end
+    if (now <= last_) {
+        return true;
+    }
+    const bool surrogate = fromSurrogate();
+    forAll(quantities_, i) {
+        scalar found = 0;
+        if (value(quantities_[i], found) && Pstream::master()) {
+            m4gn_averages_push(averages_.get(), i, now, found, now - last_, surrogate);
+        }
+    }
+    last_ = now;
+
+    bool known = false;
+    if (Pstream::master() && m4gn_averages_due(averages_.get())
+        && time_.timeIndex() >= lastCheck_ + checkInterval_)
+    {
+        known = check();
+        lastCheck_ = time_.timeIndex();
+    }
+    m4gn::broadcast(known);
+    if (known && !known_) {
+        known_ = true;
+        Info << "m4gn: all figures of " << name() << " are known at time " << time_.timeName() << nl << endl;
+    }
+    if (known_ && stop_ && now >= minTime_) {
+        time_.stopAt(Time::stopAtControls::saWriteNow);
+    }
+
+    return true;
+}
+
+bool Foam::functionObjects::m4gnAverages::write()
+{
+    // Written whenever fields are, whatever writeControl says of the tables
+    if (!time_.writeTime() || !Pstream::master()) {
+        return true;
+    }
+    const fileName path(stateFile(time_.value()));
+    char why[1000] = "";
+    mkDir(path.path());
+    if (m4gn_averages_save(averages_.get(), path.c_str(), why, sizeof(why)) != 0) {
+        FatalErrorInFunction << name() << " cannot keep its series: " << why << exit(FatalError);
+    }
+
+    return true;
+}
+
+bool Foam::functionObjects::m4gnAverages::end()
+{
+    if (started_ && Pstream::master() && lastCheck_ != time_.timeIndex()) {
+        check();
+    }
+
+    return true;
+}

@@ -1,0 +1,331 @@
+//! The C interface of m4gn-averages; `m4gn_averages.h` says what each function does.
+#![allow(unsafe_code)]
+
+use m4gn_averages::{Estimate, Goal, Row, Tolerance, Watch, saved};
+use m4gn_base::ffi::fpe::without_traps;
+use m4gn_base::{Error, Result};
+use std::ffi::{CStr, c_char};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+struct Quantity {
+    name: String,
+    of_rms: bool,
+    watch: Watch,
+    last: Option<Estimate>,
+}
+
+/// `m4gn_averages`.
+pub struct Averages {
+    confidence: f64,
+    all: Vec<Quantity>,
+}
+
+/// `m4gn_averages_figures`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Figures {
+    mean: f64,
+    half_width: f64,
+    rms: f64,
+    rms_half_width: f64,
+    frequency: f64,
+    frequency_resolution: f64,
+    transient_end: f64,
+    independent_samples: f64,
+    surrogate_share: f64,
+    rows: i64,
+    settled: i32,
+    drifts: i32,
+}
+
+/// Runs `body` with the host's floating-point traps off; a panic becomes an error.
+fn guarded<T>(body: impl FnOnce() -> Result<T>) -> Result<T> {
+    without_traps(|| catch_unwind(AssertUnwindSafe(body)))
+        .unwrap_or_else(|_| Err(Error::Internal("a panic in m4gn-averages".into())))
+}
+
+/// The text of a pointer; empty of null.
+///
+/// # Safety
+/// Null, or a string that ends with a zero.
+unsafe fn text<'a>(pointer: *const c_char) -> std::borrow::Cow<'a, str> {
+    match pointer.is_null() {
+        true => "".into(),
+        // SAFETY: the caller's contract.
+        false => unsafe { CStr::from_ptr(pointer) }.to_string_lossy(),
+    }
+}
+
+/// Puts as much of a text as there is room for, and a zero behind it.
+///
+/// # Safety
+/// Null, or room for `size` bytes.
+unsafe fn put(text: &str, to: *mut c_char, size: usize) {
+    if to.is_null() || size == 0 {
+        return;
+    }
+    let mut count = text.len().min(size - 1);
+    while !text.is_char_boundary(count) {
+        count -= 1;
+    }
+    // SAFETY: count and the zero are no more than size bytes, and the text is not the host's.
+    unsafe {
+        std::ptr::copy_nonoverlapping(text.as_ptr(), to.cast(), count);
+        to.add(count).write(0);
+    }
+}
+
+/// 0, or 1 with the error's message where the host wants it.
+///
+/// # Safety
+/// As [`put`].
+unsafe fn status(result: Result<()>, why: *mut c_char, size: usize) -> i32 {
+    match result {
+        Ok(()) => 0,
+        Err(e) => {
+            // SAFETY: the caller's contract.
+            unsafe { put(&e.to_string(), why, size) };
+            1
+        }
+    }
+}
+
+/// `m4gn_averages_new`.
+#[unsafe(no_mangle)]
+pub extern "C" fn m4gn_averages_new(confidence: f64) -> *mut Averages {
+    match confidence > 0.0 && confidence < 1.0 {
+        true => Box::into_raw(Box::new(Averages { confidence, all: Vec::new() })),
+        false => std::ptr::null_mut(),
+    }
+}
+
+/// `m4gn_averages_free`.
+///
+/// # Safety
+/// Null, or a handle that is not used any more.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_averages_free(averages: *mut Averages) {
+    if !averages.is_null() {
+        // SAFETY: m4gn_averages_new made it.
+        drop(unsafe { Box::from_raw(averages) });
+    }
+}
+
+/// `m4gn_averages_add`.
+///
+/// # Safety
+/// A handle, and a string that ends with a zero.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_averages_add(
+    averages: *mut Averages,
+    name: *const c_char,
+    tolerance: f64,
+    relative: i32,
+    of_rms: i32,
+) {
+    // SAFETY: the caller's contract.
+    let (Some(averages), name) = (unsafe { averages.as_mut() }, unsafe { text(name) }) else { return };
+    let limit = match tolerance > 0.0 {
+        false => None,
+        true if relative != 0 => Some(Tolerance::Relative(tolerance)),
+        true => Some(Tolerance::Absolute(tolerance)),
+    };
+    let goal = match of_rms != 0 {
+        true => Goal { mean: None, rms: limit },
+        false => Goal { mean: limit, rms: None },
+    };
+    averages.all.push(Quantity {
+        name: name.into_owned(),
+        of_rms: of_rms != 0,
+        watch: Watch::new(averages.confidence, goal),
+        last: None,
+    });
+}
+
+/// `m4gn_averages_push`.
+///
+/// # Safety
+/// A handle.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_averages_push(
+    averages: *mut Averages,
+    series: usize,
+    time: f64,
+    value: f64,
+    weight: f64,
+    surrogate: i32,
+) -> i32 {
+    // SAFETY: the caller's contract.
+    let found = unsafe { averages.as_mut() }.and_then(|a| a.all.get_mut(series));
+    let row = Row { time, value, weight, surrogate: surrogate != 0 };
+    i32::from(!found.is_some_and(|quantity| quantity.watch.series.push(row)))
+}
+
+/// `m4gn_averages_due`.
+///
+/// # Safety
+/// A handle.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_averages_due(averages: *const Averages) -> i32 {
+    // SAFETY: the caller's contract.
+    i32::from(unsafe { averages.as_ref() }.is_some_and(|a| a.all.iter().any(|q| q.watch.due())))
+}
+
+/// `m4gn_averages_check`.
+///
+/// # Safety
+/// A handle, and a place for the figures.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_averages_check(
+    averages: *mut Averages,
+    series: usize,
+    figures: *mut Figures,
+) -> i32 {
+    // SAFETY: the caller's contract.
+    let (averages, figures) = unsafe { (averages.as_mut(), figures.as_mut()) };
+    let (Some(quantity), Some(figures)) = (averages.and_then(|a| a.all.get_mut(series)), figures) else {
+        return 1;
+    };
+    *figures = Figures::default();
+    quantity.last = guarded(|| Ok(quantity.watch.check())).unwrap_or_default();
+    let Some(found) = &quantity.last else { return 1 };
+    *figures = Figures {
+        mean: found.mean,
+        half_width: found.half_width,
+        rms: found.rms,
+        rms_half_width: found.rms_half_width,
+        frequency: found.frequency.unwrap_or(0.0),
+        frequency_resolution: found.frequency_resolution.unwrap_or(0.0),
+        transient_end: found.transient_end,
+        independent_samples: found.independent_samples,
+        surrogate_share: found.surrogate_share,
+        rows: found.rows as i64,
+        settled: i32::from(quantity.watch.settled()),
+        drifts: i32::from(found.mean_drifts),
+    };
+    0
+}
+
+/// `m4gn_averages_line`.
+///
+/// # Safety
+/// A handle, and room for `size` bytes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_averages_line(
+    averages: *const Averages,
+    series: usize,
+    to: *mut c_char,
+    size: usize,
+) {
+    // SAFETY: the caller's contract.
+    let found = unsafe { averages.as_ref() }.and_then(|a| Some((a.all.get(series)?, a.confidence)));
+    let line = match found {
+        Some((Quantity { name, last: Some(e), of_rms, .. }, confidence)) => {
+            if *of_rms {
+                e.rms_line(name, confidence)
+            } else {
+                e.line(name, confidence)
+            }
+        }
+        Some((quantity, _)) => {
+            format!("{}: too few rows, {}", quantity.name, quantity.watch.series.len())
+        }
+        None => String::new(),
+    };
+    // SAFETY: the caller's contract.
+    unsafe { put(&line, to, size) };
+}
+
+/// `m4gn_averages_save`.
+///
+/// # Safety
+/// A handle, a string that ends with a zero, and room for `size` bytes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_averages_save(
+    averages: *const Averages,
+    path: *const c_char,
+    why: *mut c_char,
+    size: usize,
+) -> i32 {
+    // SAFETY: the caller's contract.
+    let (averages, path) = unsafe { (averages.as_ref(), text(path)) };
+    let all = averages.map(|a| a.all.as_slice()).unwrap_or_default();
+    let done = guarded(|| saved::write(Path::new(&*path), all.iter().map(|q| (q.name.as_str(), &q.watch))));
+    // SAFETY: the caller's contract.
+    unsafe { status(done, why, size) }
+}
+
+/// `m4gn_averages_load`.
+///
+/// # Safety
+/// As [`m4gn_averages_save`].
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_averages_load(
+    averages: *mut Averages,
+    path: *const c_char,
+    why: *mut c_char,
+    size: usize,
+) -> i32 {
+    // SAFETY: the caller's contract.
+    let (averages, path) = unsafe { (averages.as_mut(), text(path)) };
+    let done = guarded(|| {
+        let found = saved::read(Path::new(&*path))?;
+        for quantity in averages.map(|a| a.all.as_mut_slice()).unwrap_or_default() {
+            if let Some(saved) = found.iter().find(|saved| saved.name == quantity.name) {
+                quantity.watch.carry_on(saved.state, &saved.rows);
+            }
+        }
+        Ok(())
+    });
+    // SAFETY: the caller's contract.
+    unsafe { status(done, why, size) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_host_gets_what_the_crate_finds_and_carries_on_with_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = std::ffi::CString::new(folder.path().join("a.state").to_str().unwrap()).unwrap();
+        let why = &mut [0 as c_char; 200];
+        // SAFETY: handles, strings and rooms are this test's own and as large as is said.
+        unsafe {
+            assert!(m4gn_averages_new(1.0).is_null());
+            let make = || {
+                let a = m4gn_averages_new(0.95);
+                m4gn_averages_add(a, c"Cl".as_ptr(), 0.05, 1, 1);
+                a
+            };
+            let a = make();
+            for i in 1..=500 {
+                let time = 0.02 * f64::from(i);
+                assert_eq!(m4gn_averages_push(a, 0, time, (std::f64::consts::TAU * time).sin(), 0.02, 0), 0);
+            }
+            assert_eq!(m4gn_averages_push(a, 0, 1.0, 0.0, 0.02, 0), 1, "earlier");
+            assert_eq!(m4gn_averages_push(a, 1, 20.0, 0.0, 0.02, 0), 1, "no such series");
+            assert_eq!(m4gn_averages_due(a), 1);
+            let mut figures = Figures::default();
+            assert_eq!(m4gn_averages_check(a, 0, &mut figures), 0);
+            assert!((figures.rms - 0.5_f64.sqrt()).abs() < 0.01 && figures.settled == 0, "{figures:?}");
+            assert_eq!(m4gn_averages_due(a), 0);
+            m4gn_averages_line(a, 0, why.as_mut_ptr(), why.len());
+            let line = text(why.as_ptr()).into_owned();
+            assert!(line.starts_with("Cl rms 0.7"), "{line}");
+            m4gn_averages_line(a, 0, why.as_mut_ptr(), 4);
+            assert_eq!(text(why.as_ptr()), "Cl ");
+            assert_eq!(m4gn_averages_save(a, path.as_ptr(), why.as_mut_ptr(), why.len()), 0);
+            let b = make();
+            assert_eq!(m4gn_averages_load(b, path.as_ptr(), why.as_mut_ptr(), why.len()), 0);
+            assert_eq!(m4gn_averages_check(b, 0, &mut figures), 0);
+            assert_eq!((figures.rows, figures.settled), (500, 1), "the second check in a row");
+            assert_eq!(m4gn_averages_load(b, c"/nowhere".as_ptr(), why.as_mut_ptr(), why.len()), 1);
+            assert!(text(why.as_ptr()).starts_with("/nowhere: cannot be read"));
+            m4gn_averages_free(a);
+            m4gn_averages_free(b);
+            m4gn_averages_free(std::ptr::null_mut());
+        }
+    }
+}

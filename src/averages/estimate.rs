@@ -1,0 +1,299 @@
+//! Mean, fluctuations and frequency of a series, and how well they are known.
+
+use crate::autoregression::{Scatter, scatter};
+use crate::series::{Row, Series};
+use crate::{spectrum, student, transient};
+
+/// What a series says.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Estimate {
+    /// Mean after the transient.
+    pub mean: f64,
+    /// Half of the width of the mean's confidence interval; infinite where it is not known.
+    pub half_width: f64,
+    /// Root mean square of the deviations from the mean.
+    pub rms: f64,
+    /// Half of the width of the rms's confidence interval.
+    pub rms_half_width: f64,
+    /// Change of the mean over the record by the straight line that fits best.
+    pub mean_change: f64,
+    /// The same of the rms.
+    pub rms_change: f64,
+    /// Dominant frequency, 1/s, where something oscillates.
+    pub frequency: Option<f64>,
+    /// Frequencies closer than this are not told apart, 1/s.
+    pub frequency_resolution: Option<f64>,
+    /// Time at which the transient ends, s.
+    pub transient_end: f64,
+    /// Number of independent values whose mean would be known as well.
+    pub independent_samples: f64,
+    /// Whole periods that the mean is taken over, where the signal repeats itself or oscillates.
+    pub periods: Option<usize>,
+    /// Whether each period is like the one before.
+    pub periodic: bool,
+    /// Whether the mean neither drifts nor rests on a transient or on too few samples.
+    pub mean_steady: bool,
+    /// Whether the mean drifts.
+    pub mean_drifts: bool,
+    /// As `mean_steady`, of the fluctuations.
+    pub rms_steady: bool,
+    /// Share of the time after the transient whose rows came from a surrogate, 0 to 1.
+    pub surrogate_share: f64,
+    /// Rows of the series.
+    pub rows: usize,
+}
+
+/// Fewest rows that are looked at.
+const MIN_ROWS: usize = 16;
+/// Most values that a series is reduced to for its transient.
+const TRANSIENT_VALUES: usize = 256;
+/// Share by which a later start must lower the standard error.
+const TRANSIENT_SLACK: f64 = 0.1;
+/// Most values that a series is reduced to for the scatter of its mean.
+const SCATTER_VALUES: usize = 512;
+/// Most values that a frequency is looked for in.
+const SPECTRUM_VALUES: usize = 1 << 14;
+/// Share of the variance from which the mean is taken over whole periods.
+const OSCILLATES: f64 = 0.5;
+/// Share of the variance from which a frequency is told.
+const HAS_FREQUENCY: f64 = 0.3;
+/// Root mean square of the change from period to period, over that of the fluctuations, below which a signal repeats itself.
+const REPEATS: f64 = 0.05;
+/// Fewest independent samples of a mean that is known, unless the signal repeats itself or settles.
+const MIN_SAMPLES: f64 = 40.0;
+/// Fewest degrees of freedom of the same.
+const MIN_FREEDOM: f64 = 15.0;
+/// A run stops when an interval is narrow, and intervals are narrow too often where their variance was found too small. They are
+/// wider by so many standard deviations of their own width.
+const CAUTION_MEAN: f64 = 1.0;
+/// The same for squares, whose distribution is skewed.
+const CAUTION_SQUARE: f64 = 3.0;
+/// Largest ratio of the ranges of successive eighths of a record that settles to one value.
+const SETTLES: f64 = 0.7;
+
+/// Change over the record, over the rms of the fluctuations, below which a drift widens the interval and no more.
+const DRIFTS: f64 = 0.02;
+
+/// What is known of one mean: of the values, or of the squares of their fluctuations.
+struct Known {
+    half_width: f64,
+    of_mean: f64,
+    freedom: f64,
+    change: f64,
+    drifts: bool,
+}
+
+/// The part of a record that figures are taken from.
+struct Record {
+    /// Where it begins and ends, in time that the rows stand for.
+    range: (f64, f64),
+    /// Number of equal pieces for the scatter: whole periods where there are some.
+    pieces: usize,
+    periods: Option<usize>,
+    line: Option<Oscillation>,
+    /// Whether the transient may not have ended.
+    over: bool,
+}
+
+/// Estimates of a series at this confidence (0.95: 19 of 20 intervals have the true value within them).
+///
+/// The transient of values and of their squares is cut by MSER ([`crate::transient::mser`]), from the end over whole periods where more than half of the
+/// variance is at one frequency. The interval of the mean is Student's, with variance and degrees of freedom of [`scatter`] of up to 512 means of
+/// equal pieces. The rms is the root of the mean square, whose interval is found in the same way. A mean drifts if the slope
+/// of those pieces is beyond what their scatter about it allows at this confidence.
+///
+/// A record whose last four eighths range over less and less settles to one value (a steady solver's): the mean is that of the last eighth, and
+/// the interval holds all that a geometric series of ranges leaves.
+///
+/// None for fewer than 16 rows, and for values whose squares are no numbers.
+pub fn estimate(series: &Series, confidence: f64) -> Option<Estimate> {
+    if series.len() < MIN_ROWS {
+        return None;
+    }
+    let square = |centre: f64| move |r: &Row| (r.value - centre).powi(2);
+    let record = record(series);
+    let (range, n) = (record.range, record.pieces);
+    let mean = series.mean(range, |r| r.value);
+    let power = series.mean(range, square(mean));
+    if !power.is_finite() || !(mean * mean).is_finite() {
+        return None;
+    }
+    // What is less is rounding
+    if power <= 1e-24 * mean * mean {
+        return Some(constant(series, range, mean));
+    }
+    let (values, squares) = (series.pieces(range, n, |r| r.value), series.pieces(range, n, square(mean)));
+    let of_mean = known(&values, confidence, CAUTION_MEAN, DRIFTS * power.sqrt())?;
+    let of_square = known(&squares, confidence, CAUTION_SQUARE, 2.0 * DRIFTS * power)?;
+    let variance = power + of_mean.of_mean;
+    if !variance.is_finite() || !of_square.half_width.is_finite() {
+        return None;
+    }
+    let rms = variance.sqrt();
+    let share = (range.1 - range.0) / series.duration();
+    let rows = series.len() as f64 * share;
+    let independent = if of_mean.of_mean > 0.0 { (variance / of_mean.of_mean).min(rows) } else { rows };
+    let periodic = record.periods.is_some_and(|p| repeats(series, range, p, variance));
+    let enough = |known: &Known| {
+        periodic || known.of_mean <= 0.0 || (independent >= MIN_SAMPLES && known.freedom >= MIN_FREEDOM)
+    };
+    let frequency = record.line.filter(|l| l.share >= HAS_FREQUENCY && (periodic || l.periods >= 4.0));
+    // Of a signal that repeats itself to the last digit any start that is later looks better
+    let over = record.over && !periodic;
+    let found = Estimate {
+        mean,
+        half_width: of_mean.half_width,
+        rms,
+        rms_half_width: rms - (variance - of_square.half_width).max(0.0).sqrt(),
+        mean_change: of_mean.change,
+        rms_change: of_square.change / (2.0 * rms),
+        frequency: frequency.map(|l| l.periods / l.record),
+        frequency_resolution: frequency.map(|l| 1.0 / l.record),
+        transient_end: series.time_at(range.0),
+        independent_samples: independent,
+        periods: record.periods,
+        periodic,
+        mean_drifts: of_mean.drifts,
+        mean_steady: !over && !of_mean.drifts && enough(&of_mean),
+        rms_steady: !over && !of_square.drifts && !of_mean.drifts && enough(&of_square),
+        surrogate_share: series.mean(range, |r| f64::from(r.surrogate)),
+        rows: series.len(),
+    };
+    let unsure = over || of_mean.drifts;
+    Some(settling(series).filter(|_| unsure).unwrap_or(found))
+}
+
+/// Cuts the transient, and to whole periods.
+fn record(series: &Series) -> Record {
+    let end = series.duration();
+    let last_half = series.mean((0.5 * end, end), |r| r.value);
+    let all = TRANSIENT_VALUES.min(series.len());
+    let (mut from, mut over) = transient_end(series, (0.0, end), all, last_half);
+    let line = oscillation(series, (from, end));
+    let Some(found) = line.filter(|l| l.share >= OSCILLATES && l.periods >= 2.0) else {
+        let pieces = SCATTER_VALUES.min(series.len() / 2).max(2);
+        return Record { range: (from, end), pieces, periods: None, line, over };
+    };
+    let period = (end - from) / found.periods;
+    // A period that lacks a fiftieth counts: its length is not known better
+    let whole = |time: f64| (time / period + 0.02).floor();
+    if whole(end) >= 5.0 {
+        let first = (end - whole(end) * period).max(0.0);
+        (from, over) = transient_end(series, (first, end), whole(end) as usize, last_half);
+    }
+    let periods = whole(end - from).max(1.0) as usize;
+    let each = periods.div_ceil(SCATTER_VALUES);
+    let pieces = periods / each;
+    from = (end - (pieces * each) as f64 * period).max(0.0);
+    Record { range: (from, end), pieces, periods: Some(pieces * each), line, over }
+}
+
+/// Where the transient of the values and of their fluctuations ends, and whether that is so late that it may not have ended.
+fn transient_end(series: &Series, (from, to): (f64, f64), n: usize, centre: f64) -> (f64, bool) {
+    let values = series.pieces((from, to), n, |r| r.value);
+    let squares = series.pieces((from, to), n, |r| (r.value - centre).powi(2));
+    let cut = [values, squares].iter().map(|v| transient::mser(v, TRANSIENT_SLACK)).max().unwrap_or(0);
+    (from + cut as f64 / n as f64 * (to - from), cut >= n / 2)
+}
+
+#[derive(Clone, Copy)]
+struct Oscillation {
+    periods: f64,
+    share: f64,
+    record: f64,
+}
+
+fn oscillation(series: &Series, (from, to): (f64, f64)) -> Option<Oscillation> {
+    let rows = (series.len() as f64 * (to - from) / to) as usize;
+    let values = series.pieces((from, to), rows.clamp(8, SPECTRUM_VALUES), |r| r.value);
+    let line = spectrum::dominant(&values)?;
+    Some(Oscillation { periods: line.periods, share: line.share, record: to - from })
+}
+
+/// The interval of the mean of these values, and whether they drift.
+fn known(values: &[f64], confidence: f64, caution: f64, small: f64) -> Option<Known> {
+    let Scatter { of_mean, freedom, .. } = scatter(values).filter(|s| s.of_mean.is_finite())?;
+    let wider = 1.0 + caution / (2.0 * freedom).sqrt();
+    let half_width = student::two_sided(confidence, freedom) * of_mean.sqrt() * wider;
+    let n = values.len() as f64;
+    let change = n * spectrum::line(values).1.abs();
+    let significant = values.len() >= 3 && of_mean > 0.0 && {
+        let rest = scatter(&spectrum::about_line(values))?;
+        let error = (12.0 * rest.of_mean * (n - 1.0) / (n - 2.0)).sqrt();
+        // The line has taken a degree of freedom from the residuals
+        change > error * student::two_sided(confidence, (rest.freedom - 1.0).max(1.0))
+    };
+    let half_width = if significant { half_width + change } else { half_width };
+    Some(Known { half_width, of_mean, freedom, change, drifts: significant && change > small })
+}
+
+/// Whether each of the periods in the range is like the one before.
+fn repeats(series: &Series, range: (f64, f64), periods: usize, variance: f64) -> bool {
+    const POINTS: usize = 16;
+    if periods < 2 || variance <= 0.0 {
+        return false;
+    }
+    let values = series.pieces(range, POINTS * periods, |r| r.value);
+    let changes = values[POINTS..].iter().zip(&values).map(|(now, before)| (now - before).powi(2));
+    let count = (values.len() - POINTS) as f64;
+    changes.sum::<f64>() / count <= 2.0 * REPEATS * REPEATS * variance
+}
+
+/// The estimate of a record that settles to one value; none of another.
+fn settling(series: &Series) -> Option<Estimate> {
+    let end = series.duration();
+    let edge = |k: usize| (1.0 - k as f64 / 8.0) * end;
+    let ranges: Vec<f64> = (1..=4).rev().map(|k| spread(series, (edge(k), edge(k - 1)))).collect();
+    let ratio = ranges.windows(2).map(|r| if r[1] > 0.0 { r[1] / r[0] } else { 0.0 }).fold(0.0, f64::max);
+    let range = (edge(1), end);
+    let mean = series.mean(range, |r| r.value);
+    let left = ranges[3] / (1.0 - ratio);
+    (ratio <= SETTLES && ranges.iter().all(|r| r.is_finite()) && left.is_finite()).then(|| Estimate {
+        half_width: left,
+        rms: series.mean(range, |r| (r.value - mean).powi(2)).sqrt(),
+        rms_half_width: f64::INFINITY,
+        rms_steady: false,
+        ..constant(series, range, mean)
+    })
+}
+
+/// The estimate of values that do not change within the range.
+fn constant(series: &Series, range: (f64, f64), mean: f64) -> Estimate {
+    Estimate {
+        mean,
+        half_width: 0.0,
+        rms: 0.0,
+        rms_half_width: 0.0,
+        mean_change: 0.0,
+        rms_change: 0.0,
+        frequency: None,
+        frequency_resolution: None,
+        transient_end: series.time_at(range.0),
+        independent_samples: series.within(range).len() as f64,
+        periods: None,
+        periodic: false,
+        mean_drifts: false,
+        mean_steady: true,
+        rms_steady: true,
+        surrogate_share: series.mean(range, |r| f64::from(r.surrogate)),
+        rows: series.len(),
+    }
+}
+
+/// Largest less least value of the rows within the range, 0 where they differ by no more than rounding; infinite for too few rows.
+fn spread(series: &Series, range: (f64, f64)) -> f64 {
+    let values = series.within(range).iter().map(|r| r.value);
+    let (low, high) =
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+    if series.within(range).len() < 4 {
+        f64::INFINITY
+    } else if high - low > 1e-12 * low.abs().max(high.abs()) {
+        high - low
+    } else {
+        0.0
+    }
+}
+
+#[cfg(test)]
+#[path = "estimate_tests.rs"]
+mod tests;

@@ -1,0 +1,237 @@
+//! Tables of text: of OpenFOAM's function objects, and any other with a number for the time first in each row.
+
+use crate::Series;
+use m4gn_base::{Error, Result, files};
+use std::path::{Path, PathBuf};
+
+/// A column of a table over time.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Column {
+    /// Times of the rows, s, increasing.
+    pub times: Vec<f64>,
+    /// Values of the column.
+    pub values: Vec<f64>,
+}
+
+impl Column {
+    /// The rows from `start` on, as a series.
+    pub fn series(&self, start: f64) -> Series {
+        let first = self.times.partition_point(|t| *t < start);
+        Series::of(&self.times[first..], &self.values[first..])
+    }
+
+    /// Takes another one's rows in place of its own from that one's first row on.
+    fn carried_on(&mut self, later: Column) {
+        let Some(first) = later.times.first() else { return };
+        let keep = self.times.partition_point(|t| t < first);
+        self.times.truncate(keep);
+        self.values.truncate(keep);
+        self.times.extend(later.times);
+        self.values.extend(later.values);
+    }
+}
+
+/// Reads the column `name` of a table.
+///
+/// `path` is a file, or `FOLDER/FILE` where the restarts of a run have left `FOLDER/0/FILE`, `FOLDER/0.5/FILE`, ...: these are joined
+/// in the order of their folders, each in place of what earlier ones have from its first row on. What is read of a file: [`column`].
+///
+/// # Errors
+/// [`Error::File`] with line and column.
+pub fn read(path: &Path, name: &str) -> Result<Column> {
+    let mut all = Column::default();
+    for part in parts(path)? {
+        let text = files::read_text(&part).map_err(|e| Error::file(&part, format!("cannot be read: {e}")))?;
+        all.carried_on(column(&text, name).map_err(|message| Error::file(&part, message))?);
+    }
+    Ok(all)
+}
+
+/// The file, or those of its name in folders that are named by times.
+fn parts(path: &Path) -> Result<Vec<PathBuf>> {
+    let (Some(name), false) = (path.file_name(), path.exists()) else {
+        return Ok(vec![path.to_path_buf()]);
+    };
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut found: Vec<(f64, PathBuf)> = Vec::new();
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let start = entry.file_name().to_str().and_then(|n| n.parse::<f64>().ok()).filter(|t| t.is_finite());
+        let file = entry.path().join(name);
+        if let (Some(start), true) = (start, file.exists()) {
+            found.push((start, file));
+        }
+    }
+    if found.is_empty() {
+        return Err(Error::file(
+            path,
+            "is not there, nor a file of this name in folders beside it that are named by times (0, 0.5, ...)",
+        ));
+    }
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(found.into_iter().map(|(_, file)| file).collect())
+}
+
+/// The column `name` of a table's text.
+///
+/// Lines that begin with `#` are comments; the last one before the first row names the columns. Brackets of vectors do not count: the columns
+/// of a vector `force` are `force_x`, `force_y`, `force_z`. Columns without a name have their number, from 1 behind the time. Only the time and the
+/// column that is asked for have to be numbers. A last line that does not end is left out: it may not be whole.
+///
+/// # Errors
+/// What was expected and found, with line and column.
+pub fn column(text: &str, name: &str) -> std::result::Result<Column, String> {
+    let whole = text.rfind('\n').map_or("", |end| &text[..end]);
+    let mut header = "";
+    let mut place: Option<(usize, usize)> = None;
+    let mut found = Column::default();
+    for (i, line) in whole.lines().enumerate() {
+        let line = line.trim_end();
+        if let Some(comment) = line.trim_start().strip_prefix('#') {
+            if place.is_none() {
+                header = comment;
+            }
+            continue;
+        }
+        let mut words = words(line);
+        let Some(time) = words.next() else { continue };
+        let words: Vec<(usize, &str)> = words.collect();
+        let (at, count) = match place {
+            Some(place) => place,
+            None => {
+                let names = names(header, words.len());
+                let at = names.iter().position(|n| n == name).ok_or_else(|| unknown(name, &names))?;
+                *place.insert((at, words.len()))
+            }
+        };
+        if words.len() != count {
+            return Err(format!(
+                "line {}: expected {} columns as in the rows before, found {}",
+                i + 1,
+                count + 1,
+                words.len() + 1
+            ));
+        }
+        let time = number(time, i)?;
+        if found.times.last().is_some_and(|last| time <= *last) {
+            return Err(format!(
+                "line {}: expected a time later than that of the row before ({}), found {time}; a table has one row for each time",
+                i + 1,
+                found.times[found.times.len() - 1]
+            ));
+        }
+        found.times.push(time);
+        found.values.push(number(words[at], i)?);
+    }
+    if found.times.is_empty() {
+        return Err("expected rows of numbers, found none".into());
+    }
+    Ok(found)
+}
+
+/// The words of a line with their columns in the text, from 1; brackets are spaces.
+fn words(line: &str) -> impl Iterator<Item = (usize, &str)> {
+    let is_gap = |c: char| c.is_whitespace() || c == '(' || c == ')' || c == ',';
+    let start = line.as_ptr() as usize;
+    line.split(is_gap).filter(|w| !w.is_empty()).map(move |w| (w.as_ptr() as usize - start + 1, w))
+}
+
+fn number((column, word): (usize, &str), line: usize) -> std::result::Result<f64, String> {
+    let place = || format!("line {}, column {column}", line + 1);
+    let shown: String = word.chars().take(40).collect();
+    match word.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        Ok(_) => Err(format!("{}: expected a finite number, found {shown}", place())),
+        Err(_) => Err(format!("{}: expected a number, found '{shown}'", place())),
+    }
+}
+
+fn unknown(name: &str, names: &[String]) -> String {
+    let shown: Vec<&str> = names.iter().take(40).map(String::as_str).collect();
+    let more = if names.len() > shown.len() { ", ..." } else { "" };
+    format!("expected a column {name}, found {}{more}", shown.join(", "))
+}
+
+/// Names of `count` columns behind the time, by a header's words, the first of which names the time.
+fn names(header: &str, count: usize) -> Vec<String> {
+    let mut given: Vec<String> = Vec::new();
+    let mut group = "";
+    for word in header.split_whitespace().skip(1) {
+        let (open, closed) = (word.matches('(').count(), word.matches(')').count());
+        let (mut of, mut rest) = (group, word);
+        if open > closed {
+            (of, rest) = word.split_once('(').unwrap_or(("", word));
+            group = of;
+        } else if closed > open {
+            rest = word.trim_end_matches(')');
+            group = "";
+        }
+        if !rest.is_empty() {
+            given.push(if of.is_empty() { rest.into() } else { format!("{of}_{rest}") });
+        }
+    }
+    let components: &[&str] = match count.checked_div(given.len()) {
+        Some(3) => &["_x", "_y", "_z"],
+        Some(6) => &["_xx", "_xy", "_xz", "_yy", "_yz", "_zz"],
+        _ => &[""],
+    };
+    if given.len() * components.len() != count {
+        return (1..=count).map(|i| i.to_string()).collect();
+    }
+    given.iter().flat_map(|n| components.iter().map(move |c| format!("{n}{c}"))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_of_openfoam_are_read_by_the_names_of_their_columns() {
+        let coefficients = "# Force coefficients\n# dragDir : (1 0 0)\n#\n# Time \tCd\tCd(f)\tCl\n0.1\t1\t2\t3\n0.2 4 5 6\n0.3 7";
+        let read = column(coefficients, "Cd(f)").unwrap();
+        assert_eq!((read.times, read.values), (vec![0.1, 0.2], vec![2.0, 5.0]));
+        let forces =
+            "# Time (total_x total_y total_z) (pressure_x pressure_y pressure_z)\n1 ((1 2 3) (4 5 6))\n";
+        assert_eq!(column(forces, "pressure_y").unwrap().values, [5.0]);
+        let grouped = "# Time forces(pressure viscous) moment(pressure viscous)\n1 ((1 2 3) (4 5 6)) ((7 8 9) (10 11 12))\n";
+        assert_eq!(column(grouped, "moment_pressure_z").unwrap().values, [9.0]);
+        let probes = "# Probe 0 (0 0 0)\n# Probe 1 (1 0 0)\n#  Probe  0  1\n#  Time\n 0.1 (1 2 3) (4 5 6)\n";
+        assert_eq!(column(probes, "5").unwrap().values, [5.0]);
+        assert_eq!(column("1 2\n3 4\n", "1").unwrap().values, [2.0, 4.0]);
+    }
+
+    #[test]
+    fn what_is_wrong_has_its_line_and_column() {
+        let fails = |text: &str, name: &str| column(text, name).unwrap_err();
+        assert_eq!(fails("# t a b\n1 2 3\n", "c"), "expected a column c, found a, b");
+        assert_eq!(fails("# t a\n1 2\n2 x\n", "a"), "line 3, column 3: expected a number, found 'x'");
+        assert_eq!(fails("# t a\n1 nan\n", "a"), "line 2, column 3: expected a finite number, found nan");
+        assert_eq!(
+            fails("# t a\n1 2\n2 3 4\n", "a"),
+            "line 3: expected 2 columns as in the rows before, found 3"
+        );
+        assert!(fails("1 2\n1 3\n", "1").starts_with("line 2: expected a time later than"));
+        assert_eq!(fails("# t a\n", "a"), "expected rows of numbers, found none");
+        assert_eq!(column("# t a word\n1 2 U\n", "a").unwrap().values, [2.0], "other columns may be words");
+    }
+
+    #[test]
+    fn restarts_are_joined_and_later_ones_win() {
+        let folder = tempfile::tempdir().unwrap();
+        for (start, text) in [
+            ("0", "# Time a\n1 1\n2 2\n3 3\n"),
+            ("2", "# Time a\n2.5 25\n3 30\n"),
+            ("2.75", "# Time a\n2.9 7\n"),
+        ] {
+            std::fs::create_dir(folder.path().join(start)).unwrap();
+            std::fs::write(folder.path().join(start).join("a.dat"), text).unwrap();
+        }
+        let all = read(&folder.path().join("a.dat"), "a").unwrap();
+        assert_eq!(all.times, [1.0, 2.0, 2.5, 2.9]);
+        assert_eq!(all.values, [1.0, 2.0, 25.0, 7.0]);
+        let one = read(&folder.path().join("0/a.dat"), "a").unwrap();
+        assert_eq!(one.times, [1.0, 2.0, 3.0]);
+        assert_eq!(one.series(2.0).len(), 2);
+        let gone = read(&folder.path().join("b.dat"), "a").unwrap_err().to_string();
+        assert!(gone.contains("b.dat: is not there"), "{gone}");
+    }
+}

@@ -1,0 +1,100 @@
+//! Estimates while a run goes on: when to look, and when a figure is known.
+
+use crate::estimate::{Estimate, estimate};
+use crate::series::{Row, Series};
+
+/// How well a figure is to be known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Tolerance {
+    /// Half-width, in the figure's unit.
+    Absolute(f64),
+    /// Half-width over the figure's magnitude.
+    Relative(f64),
+}
+
+impl Tolerance {
+    /// Whether a figure with this half-width, and this change over its record, is known. A straight line that fits noise is steep by
+    /// chance, by 1.8 half-widths in root mean square: up to twice the tolerance it is no drift.
+    pub fn met(self, figure: f64, half_width: f64, change: f64) -> bool {
+        let limit = match self {
+            Tolerance::Absolute(limit) => limit,
+            Tolerance::Relative(limit) => limit * figure.abs(),
+        };
+        half_width <= limit && change.abs() <= 2.0 * limit
+    }
+}
+
+/// What of a series is to be known.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Goal {
+    /// Tolerance of the mean.
+    pub mean: Option<Tolerance>,
+    /// Tolerance of the rms of the fluctuations.
+    pub rms: Option<Tolerance>,
+}
+
+impl Goal {
+    /// Whether an estimate has all that is asked for, without drift.
+    pub fn met(&self, e: &Estimate) -> bool {
+        let mean = self.mean.is_none_or(|t| e.mean_steady && t.met(e.mean, e.half_width, e.mean_change));
+        let rms = self.rms.is_none_or(|t| e.rms_steady && t.met(e.rms, e.rms_half_width, e.rms_change));
+        mean && rms
+    }
+}
+
+/// Growth of the series from one check to the next.
+const GROWTH: f64 = 1.1;
+
+/// A series that is looked at now and then.
+#[derive(Clone, Debug)]
+pub struct Watch {
+    /// The rows.
+    pub series: Series,
+    confidence: f64,
+    goal: Goal,
+    next: usize,
+    met: bool,
+    settled: bool,
+}
+
+impl Watch {
+    /// An empty series.
+    pub fn new(confidence: f64, goal: Goal) -> Self {
+        Watch { series: Series::default(), confidence, goal, next: 16, met: false, settled: false }
+    }
+
+    /// Whether the series has grown by a tenth since the last check.
+    pub fn due(&self) -> bool {
+        self.series.len() >= self.next
+    }
+
+    /// Looks at the series. A figure is settled when a second check in a row finds it within its tolerance.
+    pub fn check(&mut self) -> Option<Estimate> {
+        self.next = (self.series.len() as f64 * GROWTH).ceil() as usize;
+        let found = estimate(&self.series, self.confidence);
+        let met = found.as_ref().is_some_and(|e| self.goal.met(e));
+        self.settled = met && self.met;
+        self.met = met;
+        found
+    }
+
+    /// Whether the last two checks found what is asked for.
+    pub fn settled(&self) -> bool {
+        self.settled
+    }
+
+    /// What a run that carries on has to know beside the rows: the number of rows at the next check, and whether the last one found what is
+    /// asked for.
+    pub fn state(&self) -> (usize, bool) {
+        (self.next, self.met)
+    }
+
+    /// Begins with the rows and the [`state`](Self::state) of an earlier run.
+    pub fn carry_on(&mut self, (next, met): (usize, bool), rows: &[Row]) {
+        self.series = Series::default();
+        for row in rows {
+            self.series.push(*row);
+        }
+        (self.next, self.met, self.settled) = (next.min(2 * rows.len() + 16), met, false);
+    }
+}

@@ -1,0 +1,102 @@
+//! `m4gn averages`: the mean, the fluctuations and the frequency of a column, each with its uncertainty.
+
+use m4gn_averages::{Estimate, Goal, Tolerance, estimate, table};
+use m4gn_base::{Error, Result};
+use serde_json::json;
+use std::path::PathBuf;
+
+/// Say how well a mean, an rms and a frequency are known
+///
+/// Reads a column of a table over time, as OpenFOAM's function objects write it, finds where the transient ends, and tells the mean and
+/// the rms of the fluctuations with their confidence intervals, which know that the rows are correlated. A mean is settled when it does
+/// not drift, rests on enough independent samples, and is within the tolerance, if one is given.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Table (postProcessing/forceCoeffs/0/coefficient.dat), or, to join those of all restarts, its name without the folder of the time
+    /// (postProcessing/forceCoeffs/coefficient.dat)
+    table: PathBuf,
+    /// Column by its name in the table's header: Cd, total_x; without one its number, 1 behind the time
+    #[arg(long, value_name = "NAME")]
+    column: String,
+    /// Leave out what is before this time, s
+    #[arg(long, value_name = "T", default_value_t = f64::NEG_INFINITY, hide_default_value = true)]
+    start: f64,
+    /// Probability that an interval holds the true value
+    #[arg(long, value_name = "P", default_value_t = 0.95)]
+    confidence: f64,
+    /// Largest half-width of the mean's interval when it is settled
+    #[arg(long, value_name = "X", conflicts_with = "relative")]
+    tolerance: Option<f64>,
+    /// The same over the mean's magnitude
+    #[arg(long, value_name = "X")]
+    relative: Option<f64>,
+    /// Write the figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the table cannot be read, has no such column or too few rows, or an option is out of its range.
+pub fn run(args: Args) -> Result<()> {
+    if !(args.confidence > 0.0 && args.confidence < 1.0) {
+        return Err(Error::Input(format!(
+            "--confidence {}: expected a number between 0 and 1, without them",
+            args.confidence
+        )));
+    }
+    for (option, value) in [("--tolerance", args.tolerance), ("--relative", args.relative)] {
+        if let Some(v) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
+            return Err(Error::Input(format!("{option} {v}: expected a positive number")));
+        }
+    }
+    let _claimed = crate::claim_outputs([args.json.as_deref()])?;
+    let series = table::read(&args.table, &args.column)?.series(args.start);
+    let found = estimate(&series, args.confidence).ok_or_else(|| {
+        Error::file(
+            &args.table,
+            format!(
+                "expected at least 16 rows with values that have a variance, found {} rows{}",
+                series.len(),
+                if args.start.is_finite() { format!(" from time {} on", args.start) } else { String::new() }
+            ),
+        )
+    })?;
+    let tolerance = args.tolerance.map(Tolerance::Absolute).or(args.relative.map(Tolerance::Relative));
+    let settled = match tolerance {
+        None => found.mean_steady,
+        mean => Goal { mean, rms: None }.met(&found),
+    };
+    print(&args.column, args.confidence, &found, settled);
+    crate::write_json(args.json.as_deref(), &figures(&found, settled))
+}
+
+fn figures(found: &Estimate, settled: bool) -> serde_json::Value {
+    json!({
+        "mean": found.mean,
+        "half_width": found.half_width,
+        "rms": found.rms,
+        "rms_half_width": found.rms_half_width,
+        "frequency": found.frequency,
+        "frequency_resolution": found.frequency_resolution,
+        "transient_end": found.transient_end,
+        "settled": settled,
+        "independent_samples": found.independent_samples,
+        "periods": found.periods,
+        "rows": found.rows,
+    })
+}
+
+fn print(name: &str, confidence: f64, found: &Estimate, settled: bool) {
+    let percent = 100.0 * confidence;
+    println!("{}", found.line(name, confidence));
+    println!(
+        "  rms of the fluctuations {} ({percent} %)",
+        m4gn_averages::with_half_width(found.rms, found.rms_half_width)
+    );
+    if let (Some(frequency), Some(resolution)) = (found.frequency, found.frequency_resolution) {
+        println!("  frequency {} 1/s", m4gn_averages::with_half_width(frequency, resolution));
+    }
+    println!("  {}", if settled { "settled" } else { "not settled" });
+}

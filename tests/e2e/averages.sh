@@ -1,0 +1,92 @@
+#!/usr/bin/env bash
+# m4gnAverages: a run ends when the mean drag and the rms of the lift are known, with figures that a longer run's lie within; it carries
+# on from any write time; two ranks end as one; errors are told by entry.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+make_case case
+sed -i 's/^endTime .*/endTime 8;/; s/^writeInterval .*/writeInterval 1;/' system/controlDict
+cat >> system/controlDict <<'EOD'
+libs (forces);
+EOD
+
+# averages ENTRIES: forceCoeffs and m4gnAverages with these entries beside quantities
+averages() {
+    cat > system/functions <<EOD
+forces
+{
+    type forceCoeffs; libs (forces); patches (cylinder);
+    rho rhoInf; rhoInf 1; CofR (0.31 0.212 0); liftDir (0 1 0); dragDir (1 0 0); pitchAxis (0 0 1);
+    magUInf 1; lRef 0.104; Aref 0.00104; log no;
+}
+averages
+{
+    type            m4gnAverages;
+    libs            (m4gnAverages);
+    quantities
+    {
+        Cd  { functionObject forces; result Cd; relative 0.01; }
+        Cl  { functionObject forces; result Cl; statistic rms; relative 0.03; }
+    }
+    $1
+}
+EOD
+}
+# figure FOLDER QUANTITY KEY
+figure() {
+    python3 -c "import json, sys; print(json.load(open(sys.argv[1]))[sys.argv[2]][sys.argv[3]])" \
+        "$1/postProcessing/averages/${4:-0}/averages.json" "$2" "$3"
+}
+last_time() { find . -maxdepth 1 -name '[0-9]*' -printf '%f\n' | sort -g | tail -n 1; }
+
+# A longer run, told and not ended
+averages ''
+runs icoFoam
+cp -r . ../long
+[ "$(last_time)" = 8 ] || fail "the run without stop ended at $(last_time)"
+grep -q 'm4gn: Cd .* +- .* (95 %), transient to .* s' log.run || fail "the log has no line of Cd"
+
+# Ended when both are known
+clean_case
+averages 'stop yes; minTime 1;'
+runs icoFoam
+end=$(last_time)
+awk "BEGIN { exit !($end < 7.5 && $end >= 1) }" || fail "the run was not ended before 7.5 s, but at $end"
+grep -q 'all figures of averages are known' log.run || fail "the log does not say that all is known"
+for of in 'Cd mean half_width' 'Cl rms rms_half_width'; do
+    read -r name key half <<< "$of"
+    awk "BEGIN { d = $(figure . "$name" "$key") - $(figure ../long "$name" "$key"); if (d < 0) d = -d;
+        exit !(d <= $(figure . "$name" "$half") + $(figure ../long "$name" "$half")) }" ||
+        fail "$name: $(figure . "$name" "$key") is not within $(figure . "$name" "$half") of the longer run's $(figure ../long "$name" "$key")"
+done
+# The command finds the same in the table of forceCoeffs
+m4gn averages postProcessing/forces/0/coefficient.dat --column Cd --json cd.json > log.averages ||
+    fail "m4gn averages: $(cat log.averages)"
+cp -r . ../stopped
+
+# Carried on from a write time in the middle: as without the interruption
+rm -rf postProcessing "$end"
+sed -i 's/^startFrom .*/startFrom latestTime;/' system/controlDict
+runs icoFoam
+grep -q 'carries on with the series of' log.run || fail "the log does not say that the series were carried on"
+[ "$(last_time)" = "$end" ] || fail "carried on, the run ended at $(last_time), and not at $end"
+sed -i 's/^startFrom .*/startFrom startTime;/' system/controlDict
+
+# Two ranks end as one
+clean_case
+on_two_ranks icoFoam
+grep -q 'all figures of averages are known' log.run || fail "two ranks know less than one"
+
+# ill_formed WORDS ENTRIES
+ill_formed() {
+    clean_case
+    averages "$2"
+    icoFoam > log.refused 2>&1 && fail "accepted: $2"
+    tr -s ' \n' ' ' < log.refused | grep -q "$1" || { tail -n 20 log.refused; fail "expected '$1' of: $2"; }
+}
+ill_formed 'Unknown entry toleranse' 'toleranse 1;'
+ill_formed 'Entry confidence of .*expected a number between 0 and 1' 'confidence 95;'
+ill_formed 'Entry checkInterval of .* is 0; expected at least 1' 'checkInterval 0;'
+ill_formed 'Entry statistic of .*expected mean or rms' 'quantities { Cd { functionObject forces; result Cd; statistic median; } }'
+ill_formed 'Entry tolerance of .*expected a positive number' 'quantities { Cd { functionObject forces; result Cd; tolerance -1; } }'
+ill_formed 'of functionObject force, which this run has not' 'quantities { Cd { functionObject force; result Cd; } }'
+ill_formed 'publishes no Cx It publishes: ' 'quantities { Cd { functionObject forces; result Cx; } }'
