@@ -336,6 +336,7 @@ bool Foam::functionObjects::m4gnAverages::end()
 {
     if (started_ && Pstream::master() && lastCheck_ != time_.timeIndex()) {
         check();
+        lastCheck_ = time_.timeIndex();
     }
 
     return true;

@@ -71,6 +71,8 @@ const CAUTION_SQUARE: f64 = 3.0;
 /// Largest ratio of the ranges of successive eighths of a record that settles to one value.
 const SETTLES: f64 = 0.7;
 
+/// Periods from which on the means of a signal that repeats itself are all that its mean can be: few of them look like the slowest memory.
+const MIN_PERIODS: usize = 8;
 /// Change over the record, over the rms of the fluctuations, below which a drift widens the interval and no more.
 const DRIFTS: f64 = 0.02;
 
@@ -123,8 +125,13 @@ pub fn estimate(series: &Series, confidence: f64) -> Option<Estimate> {
         return Some(constant(series, range, mean));
     }
     let (values, squares) = (series.pieces(range, n, |r| r.value), series.pieces(range, n, square(mean)));
-    let of_mean = known(&values, confidence, CAUTION_MEAN, DRIFTS * power.sqrt())?;
-    let of_square = known(&squares, confidence, CAUTION_SQUARE, 2.0 * DRIFTS * power)?;
+    let mut of_mean = known(&values, confidence, CAUTION_MEAN, DRIFTS * power.sqrt())?;
+    let mut of_square = known(&squares, confidence, CAUTION_SQUARE, 2.0 * DRIFTS * power)?;
+    let periodic = record.periods.is_some_and(|p| repeats(series, range, p, power));
+    if periodic && n >= MIN_PERIODS {
+        of_mean.half_width = of_mean.half_width.min(extent(&values));
+        of_square.half_width = of_square.half_width.min(extent(&squares));
+    }
     let variance = power + of_mean.of_mean;
     if !variance.is_finite() || !of_square.half_width.is_finite() {
         return None;
@@ -133,7 +140,6 @@ pub fn estimate(series: &Series, confidence: f64) -> Option<Estimate> {
     let share = (range.1 - range.0) / series.duration();
     let rows = series.len() as f64 * share;
     let independent = if of_mean.of_mean > 0.0 { (variance / of_mean.of_mean).min(rows) } else { rows };
-    let periodic = record.periods.is_some_and(|p| repeats(series, range, p, variance));
     let enough = |known: &Known| {
         periodic || known.of_mean <= 0.0 || (independent >= MIN_SAMPLES && known.freedom >= MIN_FREEDOM)
     };
@@ -227,6 +233,13 @@ fn known(values: &[f64], confidence: f64, caution: f64, small: f64) -> Option<Kn
     Some(Known { half_width, of_mean, freedom, change, drifts: significant && change > small })
 }
 
+/// Largest less least.
+fn extent(values: &[f64]) -> f64 {
+    let (low, high) =
+        values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+    high - low
+}
+
 /// Whether each of the periods in the range is like the one before.
 fn repeats(series: &Series, range: (f64, f64), periods: usize, variance: f64) -> bool {
     const POINTS: usize = 16;
@@ -282,15 +295,11 @@ fn constant(series: &Series, range: (f64, f64), mean: f64) -> Estimate {
 
 /// Largest less least value of the rows within the range, 0 where they differ by no more than rounding; infinite for too few rows.
 fn spread(series: &Series, range: (f64, f64)) -> f64 {
-    let values = series.within(range).iter().map(|r| r.value);
-    let (low, high) =
-        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
-    if series.within(range).len() < 4 {
-        f64::INFINITY
-    } else if high - low > 1e-12 * low.abs().max(high.abs()) {
-        high - low
-    } else {
-        0.0
+    let values: Vec<f64> = series.within(range).iter().map(|r| r.value).collect();
+    let size = values.iter().fold(0.0, |size: f64, v| size.max(v.abs()));
+    match values.len() < 4 {
+        true => f64::INFINITY,
+        false => Some(extent(&values)).filter(|e| *e > 1e-12 * size).unwrap_or(0.0),
     }
 }
 
