@@ -2,6 +2,7 @@
 
 #include "m4gnAverages.H"
 #include "OSspecific.H"
+#include "StringStream.H"
 #include "addToRunTimeSelectionTable.H"
 #include "m4gnDictionary.H"
 #include "m4gnVersion.H"
@@ -85,7 +86,6 @@ void Foam::functionObjects::m4gnAverages::start()
         return;
     }
     started_ = true;
-    last_ = time_.startTime().value();
 
     wordList others;
     const functionObjectList& list = time_.functionObjects();
@@ -101,7 +101,9 @@ void Foam::functionObjects::m4gnAverages::start()
     }
 
     string note;
-    if (Pstream::master()) {
+    if (last_ > time_.startTime().value()) {
+        note = "begins a series at time " + time_.timeName();
+    } else if (Pstream::master()) {
         const fileName path(stateFile(last_));
         char why[1000] = "";
         if (isFile(path)) {
@@ -248,7 +250,8 @@ Foam::fileName Foam::functionObjects::m4gnAverages::outputDir() const
 Foam::functionObjects::m4gnAverages::m4gnAverages(
     const word& name, const Time& runTime, const dictionary& dict)
     : stateFunctionObject(name, runTime), averages_(nullptr, m4gn_averages_free), confidence_(0.95),
-      minTime_(0), stop_(false), checkInterval_(1), last_(0), lastCheck_(0), started_(false), known_(false)
+      minTime_(0), stop_(false), checkInterval_(1), last_(runTime.startTime().value()), lastCheck_(0),
+      started_(false), known_(false)
 {
     read(dict);
 }
@@ -273,8 +276,16 @@ bool Foam::functionObjects::m4gnAverages::read(const dictionary& dict)
     stop_ = dict.getOrDefault<bool>("stop", false);
     checkInterval_ = dict.getOrDefault<label>("checkInterval", 1);
     m4gn::checkAtLeast(dict, "checkInterval", checkInterval_, 1);
-    readQuantities(dict);
-    started_ = false;
+
+    // A dictionary that is read again goes on with the series, unless it asks for others
+    OStringStream asked;
+    asked << dict.subDict("quantities") << confidence_;
+    if (asked.str() != asked_) {
+        readQuantities(dict);
+        asked_ = asked.str();
+        last_ = max(last_, time_.value());
+        started_ = known_ = false;
+    }
 
     return true;
 }
