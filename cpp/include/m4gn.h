@@ -458,8 +458,8 @@ typedef struct m4gn_host
  *   tolerance   required  Largest error of a jump: root mean square, over the largest variation of the field so far in the run;
  *                         of a vector its root mean square, of a scalar that about its mean
  *   rel_tol     0.2       Largest error of a stride beside the solver, over what the solver changed in it
- *   fields      null      Predicted fields that both hold for; null: the first one; of several surrogates the first that all
- *                         predict
+ *   fields      null      Predicted fields that both hold for; null: the first one that varies; of several surrogates the first
+ *                         of those that all predict
  *   on_failure  "solver"  Where the surrogate stays bad: solver, which goes on alone and is tried beside, or stop
  *   patience    10        Measured strides in a row that allow no jump, after which a surrogate stays bad
  * [end]
@@ -488,9 +488,9 @@ typedef struct m4gn_host
  *                                  states say
  *   refit_interval     5           Strides of the solver between tries of a fit
  *   fit_tolerance      0.005       Error of the held-back states, over that of holding the last state before them, below which
- *                                  a fit is used at once; one between this and jump_tolerance is used when three later tries
- *                                  are not better by three tenths. A stride beside the solver with an error below this, or
- *                                  below twice the fit's, makes the next jump longer; one above makes it shorter
+ *                                  a fit is used at once; one between this and jump_tolerance is used when the three tries
+ *                                  before were as good, to three tenths. A stride beside the solver with an error below this,
+ *                                  or below twice the fit's, makes the next jump longer; one above makes it shorter
  *   jump_tolerance     0.02        Largest error of the held-back states, and of a stride beside the solver after a jump, over
  *                                  that of holding the last state
  *   initial_jump       10          Strides of the first jump of a fit

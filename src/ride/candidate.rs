@@ -62,12 +62,13 @@ pub(crate) struct Candidate<'a> {
 }
 
 impl<'a> Candidate<'a> {
-    /// `fields`: the arrays of the tables, of all surrogates.
+    /// `fields`: the arrays of the tables, of all surrogates; `alike`: names of those that all advance.
     pub fn new(
         surrogate: Box<dyn Surrogate + 'a>,
         settings: &RideSettings,
         layout: &Layout,
         fields: &[usize],
+        alike: &[String],
         log: &mut Log,
     ) -> Result<Self> {
         let fit_control = surrogate.fits().map(|fits| FitControl::new(fits.rules()));
@@ -81,7 +82,7 @@ impl<'a> Candidate<'a> {
                 given.on_failure = Default::default();
             }
             let known = names.zip(description.growth.iter().cloned());
-            let made = Control::new(known.collect(), given)?;
+            let made = Control::new(known.collect(), given)?.among(alike);
             let unknown = made.not_calibrated();
             if !unknown.is_empty() {
                 log.text += &format!(

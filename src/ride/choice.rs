@@ -90,6 +90,7 @@ impl Ride<'_> {
             carried_on: false,
             delta_t: step.delta_t,
             over: false,
+            cut: None,
             began: self.totals.seconds,
             expected: candidate.control.as_ref().map(|_| candidate.expected),
         }))

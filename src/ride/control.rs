@@ -12,6 +12,9 @@ use m4gn_base::settings;
 use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
+/// Of the size of a field the change in a stride above which it is more than rounding.
+const VARIES: f64 = 1e-9;
+
 /// Most that a stride of a jump may change a field, over the largest change by a stride of the solver.
 const MOST_CHANGE: f64 = 3.0;
 
@@ -43,7 +46,7 @@ settings! {
         /// Largest error of a stride beside the solver, over what the solver changed in it.
         pub rel_tol: f64 = REL_TOL;
         /// Predicted fields that both hold for.
-        pub fields: Option<Vec<String>> = None, "the first one; of several surrogates the first that all predict";
+        pub fields: Option<Vec<String>> = None, "the first one that varies; of several surrogates the first of those that all predict";
         /// Where the surrogate stays bad: `solver`, which goes on alone and is tried beside, or `stop`.
         pub on_failure: OnFailure = OnFailure::default();
         /// Measured strides in a row that allow no jump, after which a surrogate stays bad.
@@ -118,8 +121,10 @@ pub struct StrideError {
 #[derive(Clone, Debug)]
 struct Track {
     name: String,
-    /// Whether the tolerance holds for it.
+    /// Whether the tolerance holds for it: it is named, or nothing is said and it is one of those that may be watched.
     watched: bool,
+    /// Whether it has changed in a stride.
+    varies: bool,
     /// Growth of its errors with the strides of a jump.
     growth: Growth,
     /// Of the last stride.
@@ -186,6 +191,22 @@ pub struct Control {
 }
 
 impl Control {
+    /// Where nothing is said the first of these is watched that varies; unknown names are none.
+    pub fn among(mut self, names: &[String]) -> Self {
+        if self.settings.fields.is_none() {
+            self.tracks.iter_mut().for_each(|t| t.watched = names.contains(&t.name));
+        }
+        self
+    }
+
+    /// The tracks that the tolerance holds for, and their places.
+    fn watched(&self) -> impl Iterator<Item = (usize, &Track)> {
+        let all = self.tracks.iter().enumerate().filter(|(_, t)| t.watched);
+        let first = all.clone().find(|(_, t)| t.varies).or(all.clone().next()).map(|(i, _)| i);
+        let named = self.settings.fields.is_some();
+        all.filter(move |(i, _)| named || Some(*i) == first)
+    }
+
     /// For the fields that a surrogate advances, in its order, each with the growth of its errors where that is known.
     ///
     /// # Errors
@@ -194,7 +215,7 @@ impl Control {
         let names: Vec<&str> = fields.iter().map(|(name, _)| name.as_str()).collect();
         let watched: Vec<&str> = match &settings.fields {
             Some(fields) => fields.iter().map(String::as_str).collect(),
-            None => names.first().copied().into_iter().collect(),
+            None => names.clone(),
         };
         if let Some(unknown) = watched.iter().find(|w| !names.contains(w)) {
             return Err(Error::Input(format!(
@@ -206,6 +227,7 @@ impl Control {
         let track = |((name, growth), watched)| Track {
             name,
             watched,
+            varies: false,
             growth,
             error: f64::INFINITY,
             change: 0.0,
@@ -226,8 +248,8 @@ impl Control {
 
     /// Names of the watched fields whose growth the model does not know; their errors are reckoned to add up.
     pub fn not_calibrated(&self) -> Vec<&str> {
-        let watched = self.tracks.iter().filter(|t| t.watched && t.growth == Growth::Unknown);
-        watched.map(|t| t.name.as_str()).collect()
+        let watched = self.watched().filter(|(_, t)| t.growth == Growth::Unknown);
+        watched.map(|(_, t)| t.name.as_str()).collect()
     }
 
     /// Takes up a stride that solver and surrogate both took, a row for each predicted field.
@@ -241,10 +263,11 @@ impl Control {
             track.error = stride.error;
             track.change = track.change.max(stride.change);
             track.variation = track.variation.max(stride.variation);
+            track.varies |= stride.change > VARIES * stride.size;
         }
         self.measured = true;
-        let mut watched = self.tracks.iter().zip(strides).filter(|(track, _)| track.watched);
-        let loses = watched.any(|(_, stride)| stride.error > self.settings.rel_tol * stride.change);
+        let loses = |stride: &StrideError| stride.error > self.settings.rel_tol * stride.change;
+        let loses = self.watched().any(|(i, _)| loses(&strides[i]));
         self.bad = match loses || self.within_tolerance(1) == 0 {
             true => self.bad + 1,
             false => 0,
@@ -275,7 +298,7 @@ impl Control {
 
     fn largest(&self, of: impl Fn(&Track) -> f64) -> f64 {
         match self.measured {
-            true => self.tracks.iter().filter(|t| t.watched).map(of).fold(0.0, f64::max),
+            true => self.watched().map(|(_, t)| of(t)).fold(0.0, f64::max),
             false => f64::INFINITY,
         }
     }
@@ -289,19 +312,25 @@ impl Control {
     }
 
     fn within_tolerance(&self, most: usize) -> usize {
-        let watched = self.tracks.iter().filter(|t| t.watched && self.measured);
-        watched.map(|t| t.strides(self.settings.tolerance, most)).min().unwrap_or(0)
+        let watched = self.watched().filter(|_| self.measured);
+        watched.map(|(_, t)| t.strides(self.settings.tolerance, most)).min().unwrap_or(0)
     }
 
-    /// Whether a stride of a jump that changes the predicted fields by so much (root mean squares) may be true: by no more than three
-    /// times what a stride of the solver has.
+    /// Why a stride of a jump that changes the predicted fields by so much (root mean squares) cannot be true: by more than three times what
+    /// a stride of the solver has; none: it may be.
     ///
     /// # Errors
     /// [`Error::Input`] for another number of fields.
-    pub fn accepts(&self, changes: &[f64]) -> Result<bool> {
+    pub fn refuses(&self, changes: &[f64]) -> Result<Option<String>> {
         self.check(changes.len())?;
-        let one = |(track, change): (&Track, &f64)| *change <= MOST_CHANGE * track.change;
-        Ok(self.tracks.iter().zip(changes).all(one))
+        let within = |(track, change): &(&Track, &f64)| **change <= MOST_CHANGE * track.change;
+        let beyond = self.tracks.iter().zip(changes).find(|pair| !within(pair));
+        Ok(beyond.map(|(track, change)| {
+            format!(
+                "a stride would change {} by {change:.2e}, more than {MOST_CHANGE} times the most that the solver has in one, {:.2e}",
+                track.name, track.change
+            )
+        }))
     }
 
     /// Relative error of the watched fields, the largest, where their errors are these (root mean squares, of all predicted fields).
@@ -310,8 +339,7 @@ impl Control {
     /// [`Error::Input`] for another number of fields.
     pub fn relative(&self, errors: &[f64]) -> Result<f64> {
         self.check(errors.len())?;
-        let pairs = self.tracks.iter().zip(errors).filter(|(t, _)| t.watched);
-        Ok(pairs.map(|(t, e)| t.relative(*e)).fold(0.0, f64::max))
+        Ok(self.watched().map(|(i, t)| t.relative(errors[i])).fold(0.0, f64::max))
     }
 
     /// What the controller decides by, for a run that is carried on: of each predicted field the error of the last stride and the
@@ -341,6 +369,7 @@ impl Control {
         }
         for (track, row) in self.tracks.iter_mut().zip(rows) {
             (track.error, track.change, track.variation) = (row.error, row.change, row.variation);
+            track.varies = row.change > VARIES * row.variation;
         }
         (self.measured, self.bad) = (true, bad);
         Ok(())

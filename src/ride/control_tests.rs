@@ -114,9 +114,11 @@ fn the_size_and_the_change_are_the_largest_so_far() {
     calm.iter_mut().for_each(|s| (s.variation, s.change) = (0.0, 0.0));
     c.measure(&calm).unwrap();
     assert_eq!(c.error(), 0.02);
-    assert!(c.accepts(&[0.89, 0.1]).unwrap());
-    assert!(!c.accepts(&[0.91, 0.1]).unwrap() && !c.accepts(&[0.1, f64::NAN]).unwrap());
-    assert!(c.accepts(&[0.1]).is_err());
+    assert_eq!(c.refuses(&[0.89, 0.1]).unwrap(), None);
+    let said = c.refuses(&[0.91, 0.1]).unwrap().unwrap();
+    assert!(said.contains("change U by 9.10e-1, more than 3 times"), "{said}");
+    assert!(c.refuses(&[0.1, f64::NAN]).unwrap().is_some());
+    assert!(c.refuses(&[0.1]).is_err());
 }
 
 #[test]
@@ -178,4 +180,29 @@ fn relative_errors_are_those_of_the_watched_fields() {
     assert_eq!(c.relative(&[0.1, 50.0]).unwrap(), 0.05);
     assert_eq!(c.relative(&[f64::NAN, 0.0]).unwrap(), f64::INFINITY);
     assert!(c.relative(&[0.1]).is_err());
+}
+
+#[test]
+fn the_first_field_that_varies_is_watched_where_none_is_named() {
+    let fields = || ["DT", "T", "p"].map(|name| (name.to_string(), Growth::None)).to_vec();
+    let settings = |text| ControlSettings::parse(text).unwrap();
+    let still = StrideError { error: 0.0, change: 0.0, size: 4.0, variation: 0.0 };
+    let row = |error| StrideError { error, change: 1.0, size: 300.0, variation: 10.0 };
+    let mut c = Control::new(fields(), settings(r#"{"tolerance": 0.05}"#)).unwrap();
+    c.measure(&[still, row(0.9), row(0.1)]).unwrap();
+    // T is off by nine tenths of what it changed.
+    assert_eq!((c.error(), c.strides(8)), (0.09, 0));
+    c.measure(&[still, row(0.1), row(0.9)]).unwrap();
+    assert_eq!((c.error(), c.strides(8)), (0.01, 8));
+    let (rows, bad) = c.state().unwrap();
+    let mut again = Control::new(fields(), settings(r#"{"tolerance": 0.05}"#)).unwrap();
+    again.restore(&rows, bad).unwrap();
+    assert_eq!(again.error(), 0.01);
+    // Among those that may be, and the one that is named whatever it does.
+    let mut c = Control::new(fields(), settings(r#"{"tolerance": 0.05}"#)).unwrap().among(&["p".into()]);
+    c.measure(&[still, row(0.9), row(0.1)]).unwrap();
+    assert_eq!(c.error(), 0.01);
+    let mut c = Control::new(fields(), settings(r#"{"tolerance": 0.05, "fields": ["DT"]}"#)).unwrap();
+    c.measure(&[still, row(0.9), row(0.1)]).unwrap();
+    assert_eq!(c.error(), 0.0);
 }

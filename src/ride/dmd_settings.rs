@@ -30,7 +30,7 @@ settings! {
         /// Strides of the solver between tries of a fit.
         pub refit_interval: usize = 5;
         /// Error of the held-back states, over that of holding the last state before them, below which a fit is used at once; one between
-        /// this and `jumpTolerance` is used when three later tries are not better by three tenths. A stride beside the solver with an error
+        /// this and `jumpTolerance` is used when the three tries before were as good, to three tenths. A stride beside the solver with an error
         /// below this, or below twice the fit's, makes the next jump longer; one above makes it shorter.
         pub fit_tolerance: f64 = 0.005;
         /// Largest error of the held-back states, and of a stride beside the solver after a jump, over that of holding the last state.

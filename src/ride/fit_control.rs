@@ -10,10 +10,10 @@ use m4gn_base::Result;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
-/// Tries before a fit that must not have been much worse, for it to be taken as what can be had.
+/// Tries before a fit that must have been as good, for it to be taken as what can be had.
 const WAITED: usize = 3;
 
-/// Errors fall where a try's is below this times an earlier one's.
+/// Errors fall where a try's is below this times an earlier one's, and rise where it is the other way round.
 const FALLS: f64 = 0.7;
 
 /// Error below which later fits are likely to hold.
@@ -52,6 +52,10 @@ pub(crate) struct FitControl {
     tried: usize,
     /// Errors of the last tries since a fit was dropped; last, of the fit in use.
     errors: Vec<f64>,
+    /// Tries in all, the least of their errors, and the snapshots without a gap up to now.
+    tries: usize,
+    best: f64,
+    contiguous: usize,
     /// Strides that another surrogate has jumped since a fit was far off.
     jumped_by_others: f64,
     /// Whether it was said what a snapshot costs.
@@ -61,7 +65,7 @@ pub(crate) struct FitControl {
 
 impl FitControl {
     pub fn new(rules: &FitRules) -> Self {
-        FitControl { length: rules.initial_jump as f64, ..FitControl::default() }
+        FitControl { length: rules.initial_jump as f64, best: f64::MAX, ..FitControl::default() }
     }
 
     /// Strides that the fit may jump, `most` at most.
@@ -94,6 +98,7 @@ impl FitControl {
             said += &self.compare(fits, step, error, jumped);
         }
         self.tried += seen.snapshots;
+        self.contiguous = seen.contiguous;
         let (least, every) = (fits.rules().min_snapshots, fits.rules().refit_interval);
         if seen.contiguous >= least && (self.tried >= every || seen.contiguous == least) {
             said += &self.fit(fits, step);
@@ -110,7 +115,9 @@ impl FitControl {
             return String::new();
         };
         let error = report.error;
-        let settled = error < rules.fit_tolerance || settled(&self.errors, error);
+        let trend = trend(&self.errors, error);
+        let settled = error < rules.fit_tolerance || trend == Trend::Alike;
+        (self.tries, self.best) = (self.tries + 1, self.best.min(error));
         let surplus = (self.errors.len() + 1).saturating_sub(WAITED);
         self.errors.drain(..surplus);
         // JSON, which the state is kept in, has no infinity; it is one where the last states are all the same.
@@ -122,12 +129,19 @@ impl FitControl {
         // Where a fit holds, or will, what another surrogate makes would only begin the window anew.
         self.jumped_by_others = if error < PROMISING { rules.window as f64 } else { 0.0 };
         self.length = rules.initial_jump as f64;
-        let verdict = match (holds, settled) {
-            (true, _) => "it is used",
-            (_, true) => "the solver goes on",
-            _ => "the solver goes on while it gets better",
+        let verdict = match trend {
+            _ if holds => "it is used".into(),
+            _ if error >= rules.jump_tolerance => {
+                format!("above jumpTolerance {}: the solver goes on", rules.jump_tolerance)
+            }
+            Trend::Falls => "the solver goes on while it gets better".into(),
+            Trend::Rises => "the solver goes on while it gets worse".into(),
+            _ => format!(
+                "above fitTolerance {}, and {WAITED} tries before must have been as good: the solver goes on",
+                rules.fit_tolerance
+            ),
         };
-        let mut said = described(&report, &rules, step, verdict);
+        let mut said = described(&report, &rules, step, &verdict);
         if holds && !std::mem::replace(&mut self.timed, true) {
             let seconds = fits.seconds_a_snapshot();
             let _ = write!(
@@ -136,6 +150,24 @@ impl FitControl {
             );
         }
         said
+    }
+
+    /// Why there was no jump, for people.
+    pub fn said(&self, rules: &FitRules, stride: f64, time: f64) -> String {
+        let missing = rules.min_snapshots.saturating_sub(self.contiguous);
+        match self.tries {
+            0 => format!(
+                "no fit: it takes {} states {stride:.3e} s apart without a gap (minSnapshots), and at the end there were {}; a first one comes \
+                 at {:.4} s at the earliest",
+                rules.min_snapshots,
+                self.contiguous,
+                time + missing as f64 * stride
+            ),
+            n => format!(
+                "{n} fits, the best off by {:.3} of what holding would be (jumpTolerance {}, fitTolerance {})",
+                self.best, rules.jump_tolerance, rules.fit_tolerance
+            ),
+        }
     }
 
     /// Error of a stride beside the solver up to which the present fit is as good as when it was first used: twice what it was used with.
@@ -158,9 +190,13 @@ impl FitControl {
             self.length = (self.length * growth).clamp(first, longest);
             let _ = write!(said, "; the next jump may have {} strides", self.length as usize);
         } else if !good {
+            let (name, limit) = match jumped {
+                true => ("jumpTolerance", rules.jump_tolerance),
+                false => ("fitTolerance, or twice the error of the fit,", self.limit(rules)),
+            };
+            let _ = write!(said, ", above {name} {limit:.3}; the fit is dropped");
             self.errors.clear();
             fits.drop_fit();
-            said += "; the fit is dropped";
         }
         said + "\n\n"
     }
@@ -183,11 +219,27 @@ fn described(report: &FitReport, rules: &FitRules, step: &Step, verdict: &str) -
     )
 }
 
-/// Whether a fit with this error need not wait for a better one: the last tries were hardly worse. A wake that settles gives better fits
-/// with every period, while noise is the same in all.
-pub(crate) fn settled(tries: &[f64], error: f64) -> bool {
-    let last = tries.len().checked_sub(WAITED).map(|from| &tries[from..]);
-    last.is_some_and(|last| last.iter().all(|e| error > FALLS * e))
+/// How the errors of the tries of a fit go on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Trend {
+    /// Too few tries to tell.
+    Open,
+    Falls,
+    Rises,
+    /// A fit need not wait for a better one. A wake that settles gives better fits with every period, and a flow that changes gives worse
+    /// ones, while noise is the same in all.
+    Alike,
+}
+
+fn trend(tries: &[f64], error: f64) -> Trend {
+    let Some(last) = tries.len().checked_sub(WAITED).map(|from| &tries[from..]) else {
+        return Trend::Open;
+    };
+    match (last.iter().any(|e| FALLS * error >= *e), last.iter().any(|e| error <= FALLS * e)) {
+        (true, _) => Trend::Rises,
+        (_, true) => Trend::Falls,
+        _ => Trend::Alike,
+    }
 }
 
 #[cfg(test)]
@@ -195,10 +247,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_fit_waits_while_fits_get_better() {
-        assert!(!settled(&[], 0.01) && !settled(&[0.01, 0.01], 0.01), "too few tries to tell");
-        assert!(!settled(&[0.04, 0.02, 0.012], 0.01), "it still falls");
-        assert!(settled(&[0.011, 0.009, 0.013], 0.01), "noise");
-        assert!(settled(&[0.9, 0.011, 0.009, 0.013], 0.01), "what was long before does not count");
+    fn a_fit_waits_while_fits_get_better_or_worse() {
+        assert_eq!([trend(&[], 0.01), trend(&[0.01, 0.01], 0.01)], [Trend::Open; 2]);
+        assert_eq!(trend(&[0.04, 0.02, 0.012], 0.01), Trend::Falls);
+        assert_eq!(trend(&[0.014, 0.014, 0.008], 0.018), Trend::Rises, "not better is not good");
+        assert_eq!(trend(&[0.011, 0.009, 0.013], 0.01), Trend::Alike, "noise");
+        assert_eq!(
+            trend(&[0.9, 0.011, 0.009, 0.013], 0.01),
+            Trend::Alike,
+            "what was long before does not count"
+        );
     }
 }

@@ -20,6 +20,8 @@ pub(crate) struct Jump {
     pub delta_t: f64,
     /// Whether the last of its strides has been taken.
     pub over: bool,
+    /// What ended it before its last stride.
+    pub cut: Option<String>,
     /// Seconds of surrogate and hand-over when it began.
     pub began: [f64; 2],
     /// What was measured before, and what was expected of it.
@@ -58,16 +60,16 @@ impl Ride<'_> {
         let mut predicted = old.clone();
         let start = Start { state: &self.present, ahead: ahead.as_ref() };
         let bad = predict(candidate.surrogate.as_mut(), start, &mut predicted)?;
-        let mut used = bad.is_none();
-        self.stepped |= used;
-        self.log.not_finite(&self.step.name, bad);
+        self.stepped |= bad.is_none();
+        self.log.not_finite(&self.step.name, bad.clone());
+        jump.cut = bad;
         let advances = candidate.describe().advances.clone();
-        if let Some(control) = candidate.control.as_ref().filter(|_| used) {
+        if let Some(control) = candidate.control.as_ref().filter(|_| jump.cut.is_none()) {
             let pairs = predicted.iter().zip(&old);
             let changes = pairs.map(|(new, old)| new.iter().zip(old).map(|(a, b)| a - b));
-            used = control.accepts(&rms(&self.comm, &self.layout.pick(&advances), changes))?;
+            jump.cut = control.refuses(&rms(&self.comm, &self.layout.pick(&advances), changes))?;
         }
-        if !used {
+        if jump.cut.is_some() {
             self.totals.ended_early += 1;
             return self.end_early(jump);
         }
@@ -92,6 +94,10 @@ impl Ride<'_> {
     fn end_early(&mut self, jump: Jump) -> Result<Answer> {
         if jump.done == 0 && !jump.carried_on {
             self.phase = Phase::Solving;
+            if let Some(cut) = &jump.cut {
+                let who = &self.candidates[jump.surrogate].describe().name;
+                self.log.text += &format!("m4gn: no jump at time {}: {who}: {cut}\n\n", self.step.name);
+            }
             if self.is_controlled() {
                 self.begin_shadows(false)?;
             }

@@ -94,6 +94,9 @@ impl Ride<'_> {
         for (name, value) in quantities {
             line += &format!("; {name} {}", digits.of(*value));
         }
+        if let Some(cut) = &jump.cut {
+            line += &format!("; ended early: {cut}");
+        }
         if let Some([error, estimate]) = jump.expected {
             line += &format!(
                 "; a stride beside the solver was off by {}, {} is expected of the jump",

@@ -126,7 +126,7 @@ impl<'a> Ride<'a> {
     ///
     /// # Errors
     /// [`Error::Input`] for settings that do not fit the surrogates.
-    pub fn new(comm: Comm, host: Host<'a>, mut settings: RideSettings, start: Step) -> Result<Self> {
+    pub fn new(comm: Comm, host: Host<'a>, settings: RideSettings, start: Step) -> Result<Self> {
         let digits = Digits(settings.write_precision);
         let Host { layout, mut network, ahead, global, owners } = host;
         comm.agree_with(Ok(()), &layout.shared())?;
@@ -152,7 +152,7 @@ impl<'a> Ride<'a> {
                 surrogates.len()
             )));
         }
-        watch_alike(&surrogates, &layout, &mut settings)?;
+        let alike = watched_alike(&surrogates, &layout, &settings)?;
         let mut rows = [global.len() as i64];
         comm.sum_i64(&mut rows);
         let (mut fields, mut kept) = (Vec::new(), vec![false; layout.arrays().len()]);
@@ -179,7 +179,7 @@ impl<'a> Ride<'a> {
         }
         let mut log = Log::default();
         let candidates =
-            surrogates.into_iter().map(|s| Candidate::new(s, &settings, &layout, &fields, &mut log));
+            surrogates.into_iter().map(|s| Candidate::new(s, &settings, &layout, &fields, &alike, &mut log));
         let candidates = candidates.collect::<Result<_>>()?;
         let schedule = Schedule {
             start: settings.time_start.unwrap_or(f64::NEG_INFINITY),
@@ -496,31 +496,25 @@ impl<'a> Ride<'a> {
     }
 }
 
-/// Surrogates are compared by the same arrays: where none are named, the first that all of them advance.
-fn watch_alike(
+/// Surrogates are compared by the same arrays: names of those that all of them advance.
+fn watched_alike(
     surrogates: &[Box<dyn Surrogate + '_>],
     layout: &Layout,
-    settings: &mut RideSettings,
-) -> Result<()> {
-    let Some(control) = settings.control.as_mut().filter(|c| c.fields.is_none() && surrogates.len() > 1)
-    else {
-        return Ok(());
-    };
+    settings: &RideSettings,
+) -> Result<Vec<String>> {
     let name = |array: usize| layout.arrays()[array].name.clone();
-    let first = surrogates[0].describe().advances.iter();
-    let first = first.copied().find(|a| surrogates.iter().all(|s| s.describe().advances.contains(a)));
-    match first {
-        Some(array) => control.fields = Some(vec![name(array)]),
-        None => {
-            let all = surrogates.iter().map(|s| {
-                let names: Vec<String> = s.describe().advances.iter().map(|&a| name(a)).collect();
-                format!("{} advances {}", s.describe().name, names.join(" "))
-            });
-            return Err(Error::Input(format!(
-                "ride: surrogates are compared by their errors in the same field, and there is none that all advance: {}",
-                all.collect::<Vec<_>>().join(", ")
-            )));
-        }
+    let of = |s: &dyn Surrogate| -> Vec<String> { s.describe().advances.iter().map(|&a| name(a)).collect() };
+    let mut alike = of(surrogates[0].as_ref());
+    alike.retain(|name| surrogates.iter().all(|s| of(s.as_ref()).contains(name)));
+    if alike.is_empty() && settings.control.as_ref().is_some_and(|control| control.fields.is_none()) {
+        let all: Vec<String> = surrogates
+            .iter()
+            .map(|s| format!("{} advances {}", s.describe().name, of(s.as_ref()).join(" ")))
+            .collect();
+        return Err(Error::Input(format!(
+            "ride: surrogates are compared by their errors in the same field, and there is none that all advance: {}",
+            all.join(", ")
+        )));
     }
-    Ok(())
+    Ok(alike)
 }

@@ -283,6 +283,7 @@ impl Ride<'_> {
             carried_on: found.begun,
             delta_t: found.delta_t,
             over: found.left == 0,
+            cut: None,
             began: self.totals.seconds,
             expected: found.expected,
         };

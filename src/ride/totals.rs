@@ -88,6 +88,21 @@ impl Ride<'_> {
             digits.of(t.seconds[1]),
             digits.of(setup)
         );
+        if t.jumps == 0 {
+            for candidate in &self.candidates {
+                let name = &candidate.describe().name;
+                let why = match (&candidate.fit_control, candidate.surrogate.fits()) {
+                    (Some(control), Some(fits)) => {
+                        control.said(fits.rules(), candidate.stride(), self.step.time)
+                    }
+                    _ => format!(
+                        "{} strides beside the solver were measured, and {} jumps were not allowed",
+                        t.measured, t.refused
+                    ),
+                };
+                *text += &format!("m4gn: no jump of {name}: {why}\n\n");
+            }
+        }
         let mut entries: Vec<(String, String)> = Vec::new();
         if self.candidates.len() > 1 {
             let by = t.by.iter().copied().chain(std::iter::repeat((0, 0.0)));
