@@ -111,7 +111,8 @@ void m4gn_finalize(void);
 
 /* Whether settings are valid, as far as can be said without a mesh, a model and other ranks: those of m4gn_session_new
  * (kind "session"), m4gn_segments_new ("segments"), m4gn_modes_new ("modes"), m4gn_solid_modes_new ("solid_modes"),
- * m4gn_recorder_new ("recorder") or m4gn_ride_new ("ride"). */
+ * m4gn_recorder_new ("recorder") or m4gn_ride_new ("ride"). An
+ * entry "others", a list of names that the host reads itself, lets the message name one that is meant. */
 int32_t m4gn_options_check(const char* kind, const char* options);
 
 /* ---- mesh and fields ---------------------------------------------------------------------------- */
@@ -445,6 +446,8 @@ typedef struct m4gn_host
  *   quantities       []           replace: list of results of other parts of the run that are held at the ends of jumps
  *                                 (objects); []: none
  *   write_precision  6            Significant digits of tables and messages
+ *   decisions        null         Where what is decided is written, as lines of JSON; null: nowhere
+ *   states           null         Where the dmd surrogate keeps its states, a file a rank; null: nowhere
  *   name             ""           Name of the ride in messages
  *   model            ""           Where the model is from, in messages and tables
  *   host             ""           Any text that the host keeps in the state for itself, of the first rank
@@ -498,7 +501,6 @@ typedef struct m4gn_host
  *   max_jump           200         Strides of a jump at most, up to a million
  *   storage            "double"    How states are kept: double or single; sums are double with both
  *   keep               true        Whether states are kept on disk for a run that is carried on
- *   file               null        Where they are kept, a file a rank; null: nowhere
  * [end]
  */
 int32_t m4gn_ride_new(

@@ -65,7 +65,13 @@ void Foam::m4gn::check(const int32_t status, const char* what)
 void Foam::m4gn::checkOptions(
     const dictionary& dict, const char* kind, const std::string& options, const wordList& own)
 {
-    if (m4gn_options_check(kind, options.c_str()) != M4GN_OK) {
+    std::string names;
+    for (const word& name : own) {
+        names += (names.empty() ? "" : ", ") + quoted(name);
+    }
+    std::string all(options.substr(0, options.rfind('}')));
+    all += (all.find(':') == std::string::npos ? "" : ", ") + ("\"others\": [" + names + "]}");
+    if (m4gn_options_check(kind, all.c_str()) != M4GN_OK) {
         FatalIOErrorInFunction(dict) << "Dictionary " << dict.dictName()
                                      << " is not valid: " << m4gn_last_error() << nl
                                      << "    Other entries that it may have: " << join(own)

@@ -258,8 +258,7 @@ Foam::wordList Foam::m4gnSession::ownKeys()
     return {"model", "location", "nodeTypes", "writeSegments", "outOfRange", "U", "p", "D"};
 }
 
-void Foam::m4gnSession::checkDictionary(
-    const dictionary& dict, const fileName& casePath, const wordList& others)
+void Foam::m4gnSession::checkDictionary(const dictionary& dict, const fileName& casePath)
 {
     const fileName model(m4gn::resolve(dict.get<fileName>("model"), casePath));
 
@@ -281,7 +280,10 @@ void Foam::m4gnSession::checkDictionary(
     }
 
     m4gnSegmentation::checkDictionary(dict.subOrEmptyDict("segments"));
+}
 
+void Foam::m4gnSession::checkEntries(const dictionary& dict, const wordList& others)
+{
     wordList valid(others);
     valid.append(ownKeys());
     m4gn::checkOptions(dict, "session", options(dict, others), valid);

@@ -26,7 +26,8 @@ List<dictionary> quantities(const dictionary& dict)
 std::string settings(const dictionary& dict)
 {
     wordHashSet own(m4gnHybridRun::keys());
-    own.insert(wordList({"timeStart", "timeEnd", "name", "model", "host", "setupSeconds"}));
+    own.insert(
+        wordList({"timeStart", "timeEnd", "name", "model", "host", "setupSeconds", "decisions", "states"}));
     own.erase("quantities");
     std::string text(m4gn::json(m4gn::without(dict, (wordHashSet(dict.toc()) -= own).toc())));
 
@@ -100,12 +101,13 @@ Foam::m4gnHybridRun::m4gnHybridRun(
             own.set("host", string(types()));
         }
     }
+    if (dict.getOrDefault<bool>("writeToFile", true)) {
+        own.set("decisions", string(m4gn::outputDir(name, mesh).path() / "decisions.jsonl"));
+    }
     own.set("writePrecision", dict.getOrDefault<label>("writePrecision", IOstream::defaultPrecision()));
 
     if (has(dict, "dmd")) {
-        dictionary dmd(own.subOrEmptyDict("dmd"));
-        dmd.set("file", string(mesh.time().globalPath() / "postProcessing" / name / "states"));
-        own.set("dmd", dmd);
+        own.set("states", string(mesh.time().globalPath() / "postProcessing" / name / "states"));
     }
 
     // It is made after the first step
@@ -148,12 +150,7 @@ Foam::wordList Foam::m4gnHybridRun::keys()
 
 void Foam::m4gnHybridRun::checkDictionary(const dictionary& dict)
 {
-    dictionary own(dict);
-    if (own.subOrEmptyDict("dmd").found("file")) {
-        FatalIOErrorInFunction(dict) << "dmd has no entry file: keep says whether states are kept"
-                                     << exit(FatalIOError);
-    }
-    if (m4gn_options_check("ride", settings(own).c_str()) != M4GN_OK) {
+    if (m4gn_options_check("ride", settings(dict).c_str()) != M4GN_OK) {
         FatalIOErrorInFunction(dict) << m4gn_last_error() << exit(FatalIOError);
     }
 }

@@ -266,9 +266,10 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     ownKeys_.append(m4gnCompletion::keys(dict));
     m4gn::checkDictionaries(dict, {"nodeTypes", "segments", "projection", "control", "dmd"});
     m4gnFunctionObjects::checkDictionary(dict);
+    m4gnSession::checkEntries(dict, ownKeys_);
     m4gnHybridRun::checkDictionary(dict);
     if (m4gnHybridRun::has(dict, "network")) {
-        m4gnSession::checkDictionary(dict, time_.globalPath(), ownKeys_);
+        m4gnSession::checkDictionary(dict, time_.globalPath());
     }
     replaces_ = dict.get<word>("mode") == "replace";
 

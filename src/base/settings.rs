@@ -166,7 +166,8 @@ fn in_words(problem: &str) -> String {
     }
 }
 
-fn suggestion(word: &str, names: &[&str]) -> String {
+/// `; is NAME meant?` where one of the names is but a slip away from the word; else nothing.
+pub fn suggestion(word: &str, names: &[&str]) -> String {
     let nearest = names.iter().map(|name| (strsim::levenshtein(word, name), name)).min();
     match nearest {
         Some((far, name)) if far <= SLIP && far < word.len() => format!("; is {name} meant?"),

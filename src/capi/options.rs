@@ -4,16 +4,36 @@ use super::modes::ModesOptions;
 use super::pointers;
 use super::recorder::RecorderOptions;
 use super::segments::Request;
-use m4gn_base::settings::table::Table;
+use m4gn_base::settings::{self, table::Table};
 use m4gn_base::{Error, Result};
 use m4gn_model::SegmentSpec;
 use m4gn_ride::control::ControlSettings;
 use m4gn_ride::{DmdSettings, QuantitySettings, RideSettings};
 use m4gn_step::SessionOptions;
+use serde_json::{Value, json};
 use std::ffi::c_char;
 
-/// The settings of the call that makes an object of this kind.
+/// The settings of the call that makes an object of this kind. `others` among them are names of entries that the host reads itself: one that is
+/// unknown may be meant for one of these.
 fn check(kind: &str, options: &str) -> Result<()> {
+    let mut given = settings::object(serde_json::from_str(options).unwrap_or_default());
+    let Some(others) = given.remove("others") else { return check_own(kind, options) };
+    let others: Vec<&str> = others.as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+    let rest = Value::Object(given.clone()).to_string();
+    check_own(kind, &rest).map_err(|error| {
+        let unknown = |name: &&String| {
+            check_own(kind, &json!({ name.as_str(): given[*name] }).to_string()).is_err()
+                && !others.contains(&name.as_str())
+        };
+        let meant = given.keys().filter(unknown).map(|name| (name, settings::suggestion(name, &others)));
+        match meant.into_iter().find(|(_, meant)| !meant.is_empty()) {
+            Some((name, meant)) => Error::Input(format!("{name}: unknown entry{meant}")),
+            None => error,
+        }
+    })
+}
+
+fn check_own(kind: &str, options: &str) -> Result<()> {
     match kind {
         "session" => SessionOptions::parse(options).map(|_| ()),
         "segments" => Request::parse(options).map(|_| ()),
@@ -93,5 +113,17 @@ mod tests {
             assert!(found.contains(message), "{kind} {bad}: {found}");
         }
         assert!(check("surrogate", "{}").is_err());
+    }
+
+    #[test]
+    fn an_entry_that_may_be_meant_for_the_host_is_named() {
+        let check = |entry: &str| {
+            let options = format!(r#"{{"precision": "fp32", {entry}, "others": ["surrogates", "mode"]}}"#);
+            check("session", &options).unwrap_err().to_string()
+        };
+        assert!(check(r#""surrogate": ["dmd"]"#).contains("surrogate: unknown entry; is surrogates meant?"));
+        assert!(check(r#""surogates": ["dmd"]"#).contains("is surrogates meant?"));
+        assert!(check(r#""n_threads": 0"#).contains("n_threads: expected"));
+        assert!(check(r#""presicion": "fp32""#).contains("is precision meant?"));
     }
 }

@@ -265,6 +265,8 @@ impl Setup {
                 dmd,
                 host: String::new(),
                 setup_seconds: 0.0,
+                decisions: None,
+                states: None,
                 model: if host.session.is_null() { settings.model.clone() } else { String::new() },
                 ..settings.clone()
             };

@@ -176,12 +176,17 @@ impl<'a> Candidate<'a> {
         found
     }
 
-    /// Strides of a jump that may begin now, `most` at most; with control none before another stride was measured.
-    pub fn allowed(&mut self, most: usize, step: &Step) -> usize {
-        let most = match (&self.fit_control, self.surrogate.fits()) {
+    /// Strides that it may jump, of a fit those that it allows, `most` at most.
+    pub fn by_fit(&self, most: usize) -> usize {
+        match (&self.fit_control, self.surrogate.fits()) {
             (Some(control), Some(fits)) => control.allows(fits, most),
             _ => most,
-        };
+        }
+    }
+
+    /// Strides of a jump that may begin now, `most` at most; with control none before another stride was measured.
+    pub fn allowed(&mut self, most: usize, step: &Step) -> usize {
+        let most = self.by_fit(most);
         if self.control.is_none() {
             return most;
         }

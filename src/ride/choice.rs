@@ -3,10 +3,11 @@
 
 use crate::candidate::Verdict;
 use crate::jump::Jump;
-use crate::ride::Ride;
+use crate::ride::{Phase, Ride};
 use crate::settings::Mode;
 use crate::tables::row;
 use m4gn_base::Result;
+use serde_json::{Map, Value, json};
 
 impl Ride<'_> {
     /// Compares where the solver has come a stride. The run ends where all surrogates stay bad and the settings say stop. Collective.
@@ -72,12 +73,17 @@ impl Ride<'_> {
             return Ok(None);
         }
         let (most, said) = self.watch.most(&step.name, self.schedule.surrogate_steps);
-        self.log.judged(said);
-        let most = self.quantities.most(most);
-        if most == 0 {
+        self.log.judged(&step, said, &mut self.decisions);
+        let most = [self.schedule.surrogate_steps, most, self.quantities.most(most)];
+        if most[2] == 0 {
             return Ok(None);
         }
-        let strides = self.candidates[turn].allowed(most, &step);
+        let by_fit = self.candidates[turn].by_fit(most[2]);
+        let strides = self.candidates[turn].allowed(most[2], &step);
+        let limits =
+            [(most[1], "correctors"), (most[2], "quantities"), (by_fit, "fit"), (strides, "control")];
+        // The first that leaves no more than this
+        let limited = limits.iter().find(|(n, _)| *n == strides && *n < most[0]).map_or("longest", |l| l.1);
         self.totals.refused += usize::from(strides == 0 && controlled);
         if strides == 0 {
             return Ok(None);
@@ -92,6 +98,7 @@ impl Ride<'_> {
             over: false,
             cut: None,
             began: self.totals.seconds,
+            limited,
             expected: candidate.control.as_ref().map(|_| candidate.expected),
         }))
     }
@@ -102,6 +109,18 @@ impl Ride<'_> {
             1 => "the surrogate".into(),
             _ => format!("the {} surrogate", self.candidates[candidate].describe().name),
         }
+    }
+
+    /// Tells that a jump begins, where one does.
+    pub(crate) fn tell_begun(&mut self) {
+        let Phase::Jumping(jump) = &self.phase else { return };
+        let jumper = self.candidates[jump.surrogate].describe();
+        let [error, estimate] = jump.expected.map_or([None; 2], |e| e.map(Some));
+        let decided = json!({
+            "surrogate": jumper.name, "strides": jump.strides, "stride": jumper.stride, "limited_by": jump.limited, "error": error,
+            "estimate": estimate,
+        });
+        self.decisions.tell(&self.step, "jump_begun", &decided);
     }
 
     /// Tells what was measured at this time and what was decided by it: a line of the log, and a row for each surrogate.
@@ -145,6 +164,16 @@ impl Ride<'_> {
             }
             let measured =
                 candidate.measured.take().unwrap_or_else(|| vec![[f64::NAN; 2]; self.fields.len()]);
+            let fields = self.layout.pick(&self.fields);
+            let each = |k: usize| -> Map<String, Value> {
+                let values = fields.iter().zip(&measured).filter(|(_, v)| v[k].is_finite());
+                values.map(|(f, v)| (f.name.clone(), json!(v[k]))).collect()
+            };
+            let decided = json!({
+                "surrogate": candidate.describe().name, "error": candidate.expected[0], "estimate": candidate.expected[1],
+                "decision": candidate.verdict.word(), "errors": each(0), "changes": each(1),
+            });
+            self.decisions.tell(&self.step, "stride", &decided);
             let [error, estimate] = candidate.expected.map(|v| digits.of(v));
             let mut columns = vec![
                 digits.of(self.step.shown),

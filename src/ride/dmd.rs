@@ -102,7 +102,7 @@ impl DmdSurrogate {
 
     /// This rank's file of snapshots; none: they are not kept.
     fn file(&self) -> Option<PathBuf> {
-        let mut name = self.settings.file.as_ref().filter(|_| self.settings.keep)?.clone().into_os_string();
+        let mut name = self.settings.file.clone()?.into_os_string();
         name.push(format!(".{}", self.online.snapshots().comm().rank()));
         Some(name.into())
     }

@@ -45,8 +45,10 @@ settings! {
         pub storage: Storage = Storage::default();
         /// Whether states are kept on disk for a run that is carried on.
         pub keep: bool = true;
-        /// Where they are kept, a file a rank.
-        pub file: Option<PathBuf> = None, "nowhere";
+    }
+    beside {
+        /// Where they are kept, a file a rank; none: nowhere.
+        pub file: Option<PathBuf>;
     }
 }
 

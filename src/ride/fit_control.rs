@@ -4,10 +4,12 @@
 //! would not better it. Its first jump has `initial_jump` strides. A stride beside the solver after a jump that agrees to twice that share
 //! lets the next one be longer; one that agrees to the tolerance lets it be shorter; else the solver goes on until a new fit holds.
 
+use crate::decisions::Decisions;
 use crate::schedule::Step;
 use crate::surrogate::{FitReport, Fits};
 use m4gn_base::Result;
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
 use std::fmt::Write;
 
 /// Tries before a fit that must have been as good, for it to be taken as what can be had.
@@ -88,26 +90,32 @@ impl FitControl {
     }
 
     /// Takes the state after a step of the solver. Says what came of it. Collective.
-    pub fn observe(&mut self, fits: &mut dyn Fits, step: &Step, state: &[&[f64]]) -> Result<String> {
+    pub fn observe(
+        &mut self,
+        fits: &mut dyn Fits,
+        step: &Step,
+        state: &[&[f64]],
+        decisions: &mut Decisions,
+    ) -> Result<String> {
         let seen = fits.observe(step, state)?;
         let mut said = String::new();
         if seen.snapshots == 0 {
             return Ok(said);
         }
         if let Some((error, jumped)) = seen.error {
-            said += &self.compare(fits, step, error, jumped);
+            said += &self.compare(fits, step, (error, jumped), decisions);
         }
         self.tried += seen.snapshots;
         self.contiguous = seen.contiguous;
         let (least, every) = (fits.rules().min_snapshots, fits.rules().refit_interval);
         if seen.contiguous >= least && (self.tried >= every || seen.contiguous == least) {
-            said += &self.fit(fits, step);
+            said += &self.fit(fits, step, decisions);
         }
         Ok(said)
     }
 
     /// Tries a fit. Says what came of it.
-    fn fit(&mut self, fits: &mut dyn Fits, step: &Step) -> String {
+    fn fit(&mut self, fits: &mut dyn Fits, step: &Step, decisions: &mut Decisions) -> String {
         self.tried = 0;
         let rules = fits.rules().clone();
         let Some(report) = fits.fit() else {
@@ -142,13 +150,26 @@ impl FitControl {
             ),
         };
         let mut said = described(&report, &rules, step, &verdict);
+        let mut decided = as_data(&report, &rules);
+        decided["decision"] = json!(if holds { "used" } else { "dropped" });
+        // Which bound it has met, or missed
+        decided["why"] = json!(match trend {
+            _ if error < rules.fit_tolerance.min(rules.jump_tolerance) => "fitTolerance",
+            _ if error >= rules.jump_tolerance => "jumpTolerance",
+            Trend::Alike => "settled",
+            Trend::Falls => "improves",
+            Trend::Rises => "worsens",
+            Trend::Open => "waits",
+        });
         if holds && !std::mem::replace(&mut self.timed, true) {
             let seconds = fits.seconds_a_snapshot();
+            decided["seconds_a_state"] = json!(seconds);
             let _ = write!(
                 said,
                 "m4gn: each state of the window adds {seconds:.1e} s to a stride of the fit\n\n"
             );
         }
+        decisions.tell(step, "fit", &decided);
         said
     }
 
@@ -177,29 +198,52 @@ impl FitControl {
     }
 
     /// Takes up the error of a stride that the fit predicted. Says what came of it.
-    fn compare(&mut self, fits: &mut dyn Fits, step: &Step, error: f64, jumped: bool) -> String {
+    fn compare(
+        &mut self,
+        fits: &mut dyn Fits,
+        step: &Step,
+        (error, jumped): (f64, bool),
+        decisions: &mut Decisions,
+    ) -> String {
         let rules = fits.rules();
         let mut said = format!(
             "m4gn: time {}: a stride of the fit beside the solver was off by {error:.3} of what holding would be",
             step.name
         );
-        let good = error < self.limit(rules);
+        let limit = self.limit(rules);
+        let good = error < limit;
+        let mut decision = "kept";
         if jumped && error < rules.jump_tolerance {
             let growth = if good { rules.jump_growth } else { 1.0 / rules.jump_growth };
             let (first, longest) = (rules.initial_jump as f64, rules.max_jump as f64);
             self.length = (self.length * growth).clamp(first, longest);
+            decision = if good { "longer" } else { "shorter" };
             let _ = write!(said, "; the next jump may have {} strides", self.length as usize);
         } else if !good {
             let (name, limit) = match jumped {
                 true => ("jumpTolerance", rules.jump_tolerance),
-                false => ("fitTolerance, or twice the error of the fit,", self.limit(rules)),
+                false => ("fitTolerance, or twice the error of the fit,", limit),
             };
             let _ = write!(said, ", above {name} {limit:.3}; the fit is dropped");
             self.errors.clear();
             fits.drop_fit();
+            decision = "dropped";
         }
+        let decided = json!({
+            "error": error, "after_jump": jumped, "limit": limit, "decision": decision, "next_jump": self.length as usize,
+        });
+        decisions.tell(step, "fit_stride", &decided);
         said + "\n\n"
     }
+}
+
+fn as_data(report: &FitReport, rules: &FitRules) -> Value {
+    let fields: Map<String, Value> = report.errors.iter().map(|(name, e)| (name.clone(), json!(e))).collect();
+    json!({
+        "states": report.snapshots, "delays": report.delays, "rank": report.rank, "growth_kept": report.unstable,
+        "held_back": rules.hold_out, "error": report.error, "fit_tolerance": rules.fit_tolerance,
+        "jump_tolerance": rules.jump_tolerance, "errors": fields,
+    })
 }
 
 fn described(report: &FitReport, rules: &FitRules, step: &Step, verdict: &str) -> String {

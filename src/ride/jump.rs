@@ -7,6 +7,7 @@ use crate::surrogate::Start;
 use crate::values::rms;
 use m4gn_base::{Error, Result};
 use m4gn_state::Role;
+use serde_json::json;
 
 /// A jump that is going on.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +25,8 @@ pub(crate) struct Jump {
     pub cut: Option<String>,
     /// Seconds of surrogate and hand-over when it began.
     pub began: [f64; 2],
+    /// What made it no longer.
+    pub limited: &'static str,
     /// What was measured before, and what was expected of it.
     pub expected: Option<[f64; 2]>,
 }
@@ -43,7 +46,7 @@ impl Ride<'_> {
         let candidate = &mut self.candidates[jump.surrogate];
         let stride = candidate.stride();
         if !self.schedule.fits(&self.step, jump.delta_t, stride, 1.0) {
-            return self.end_early(jump);
+            return self.end_early(jump, "end");
         }
         let arrays = self.layout.arrays();
         let fits = |(a, place): (&m4gn_state::Array, &&mut [f64])| {
@@ -60,6 +63,7 @@ impl Ride<'_> {
         let mut predicted = old.clone();
         let start = Start { state: &self.present, ahead: ahead.as_ref() };
         let bad = predict(candidate.surrogate.as_mut(), start, &mut predicted)?;
+        let why = if bad.is_none() { "not_accepted" } else { "not_finite" };
         self.stepped |= bad.is_none();
         self.log.not_finite(&self.step.name, bad.clone());
         jump.cut = bad;
@@ -71,7 +75,7 @@ impl Ride<'_> {
         }
         if jump.cut.is_some() {
             self.totals.ended_early += 1;
-            return self.end_early(jump);
+            return self.end_early(jump, why);
         }
         for (&array, values) in advances.iter().zip(predicted) {
             next[array].copy_from_slice(&values);
@@ -90,8 +94,16 @@ impl Ride<'_> {
         Ok(Answer { duration: stride, solver_steps, ..self.answer(Action::Advance) })
     }
 
+    /// Tells that a jump has had its last stride, and why.
+    fn tell_ended(&mut self, jump: &Jump, why: &str) {
+        let name = &self.candidates[jump.surrogate].describe().name;
+        let decided = json!({"surrogate": name, "strides": jump.done, "of": jump.strides, "why": why});
+        self.decisions.tell(&self.step, "jump_ended", &decided);
+    }
+
     /// A jump ends before its last stride, or does not begin. Collective.
-    fn end_early(&mut self, jump: Jump) -> Result<Answer> {
+    fn end_early(&mut self, jump: Jump, why: &str) -> Result<Answer> {
+        self.tell_ended(&jump, why);
         if jump.done == 0 && !jump.carried_on {
             self.phase = Phase::Solving;
             if let Some(cut) = &jump.cut {
@@ -127,6 +139,9 @@ impl Ride<'_> {
         let fits = |strides: f64| self.schedule.fits(&self.step, jump.delta_t, stride, strides);
         jump.over = jump.done == jump.strides || !fits(1.0);
         let last_but_one = jump.done + 1 == jump.strides || !fits(2.0);
+        if jump.over {
+            self.tell_ended(&jump, if jump.done == jump.strides { "length" } else { "end" });
+        }
         Ok(Answer { last_but_one, ..self.behind_stride(jump) })
     }
 
@@ -225,6 +240,9 @@ impl Ride<'_> {
         let held = self.quantities.reported(&self.settings.quantities, values, solver, &self.step.name);
         self.log.text += &held.note;
         self.log.warnings.extend(held.warning);
+        if !held.decided.is_null() {
+            self.decisions.tell(&self.step, "quantities", &held.decided);
+        }
         Ok(())
     }
 

@@ -9,6 +9,7 @@ mod candidate;
 mod choice;
 mod conditions;
 pub mod control;
+mod decisions;
 mod dmd;
 mod dmd_settings;
 #[cfg(test)]

@@ -1,9 +1,12 @@
 //! What a ride has to say: lines of the log, warnings, rows of its tables. The host takes them and puts them where they belong.
 
+use crate::decisions::Decisions;
 use crate::jump::Jump;
 use crate::ride::Ride;
+use crate::schedule::Step;
 use crate::tables::row;
 use crate::watch::Judgement;
+use serde_json::{Map, Value, json};
 
 /// What has not been taken yet.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -41,10 +44,12 @@ pub enum Text {
 }
 
 impl Log {
-    pub fn judged(&mut self, judgement: Option<Judgement>) {
-        if let Some(Judgement { note, warning }) = judgement {
+    /// What is left of the next jumps after this one, by the solver's correctors.
+    pub fn judged(&mut self, step: &Step, judgement: Option<Judgement>, decisions: &mut Decisions) {
+        if let Some(Judgement { note, warning, decided }) = judgement {
             self.text += &note;
             self.warnings.extend(warning);
+            decisions.tell(step, "correctors", &decided);
         }
     }
 
@@ -57,6 +62,7 @@ impl Ride<'_> {
     /// Takes what there is to be said; empty: nothing. A table's first rows come with its head.
     pub fn take(&mut self, text: Text) -> String {
         let log = &mut self.log;
+        log.warnings.extend(self.decisions.failed.take());
         let table = |head: &mut String, rows: &mut String| match rows.is_empty() {
             true => String::new(),
             false => std::mem::take(head) + &std::mem::take(rows),
@@ -105,6 +111,12 @@ impl Ride<'_> {
             );
         }
         self.log.text += &(line + "\n\n");
+        let told: Map<String, Value> = quantities.iter().map(|(name, v)| (name.clone(), json!(v))).collect();
+        let decided = json!({
+            "surrogate": jumper.name, "strides": jump.done, "surrogate_seconds": surrogate, "hand_over_seconds": hand_over,
+            "quantities": told,
+        });
+        self.decisions.tell(&self.step, "handed_back", &decided);
         if self.log.jumps_head.is_empty() && self.totals.rows == 0 {
             let mut names: Vec<String> =
                 ["Time", "steps", "surrogate(s)", "handOver(s)"].map(String::from).into();

@@ -12,6 +12,7 @@ use crate::values::{between, rms};
 use m4gn_base::{Error, Result};
 use m4gn_parallel::Comm;
 use m4gn_state::{Layout, Values};
+use serde_json::{Map, Value, json};
 
 /// The error that a table has for a prediction that is not finite.
 const NOT_FINITE: f64 = 1e15;
@@ -272,6 +273,28 @@ impl Observer {
     /// The rollout minus the solver at the last time at which they were compared, and the name of that time.
     pub fn difference(&self) -> Option<&(Values, String)> {
         self.difference.as_ref()
+    }
+
+    /// The same as data: means over the times, and what control would have done.
+    pub fn totals(&self, candidate: &Candidate, layout: &Layout) -> Value {
+        let description = candidate.describe();
+        let n = self.times as f64;
+        let fields = layout.pick(&description.advances).into_iter().zip(&self.sums);
+        let fields: Map<String, Value> = fields
+            .map(|(field, sums)| {
+                let one = sums[0] / self.one_steps.max(1) as f64;
+                let [_, hold, rollout, first] = sums.map(|sum| sum / n);
+                let means = json!({"one_step": one, "hold": hold, "rollout": rollout, "hold_first": first});
+                (field.name.clone(), means)
+            })
+            .collect();
+        let mut totals = json!({"surrogate": description.name, "times": self.times, "errors": fields});
+        if candidate.control.is_some() {
+            let j = &self.judged;
+            totals["rollouts"] =
+                json!({"jumps": j.jumps, "strides": j.strides, "within": j.within, "refused": j.refused});
+        }
+        totals
     }
 
     /// What there is to be said at the end.

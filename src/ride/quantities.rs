@@ -8,6 +8,7 @@
 use m4gn_base::settings;
 use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 use std::collections::VecDeque;
 
 /// Values of the solver that a variation is taken over, at most.
@@ -84,6 +85,8 @@ pub(crate) struct Quantities {
 pub(crate) struct Held {
     pub note: String,
     pub warning: Option<String>,
+    /// The same as data; null: nothing was compared.
+    pub decided: Value,
 }
 
 impl Quantities {
@@ -129,7 +132,7 @@ impl Quantities {
 
     fn judge(&mut self, settings: &[QuantitySettings], second: &[f64], time: &str) -> Held {
         let (handed, first) = (std::mem::take(&mut self.handed_back), std::mem::take(&mut self.first));
-        let (mut told, mut beyond) = (Vec::new(), false);
+        let (mut told, mut decided, mut beyond) = (Vec::new(), Vec::new(), false);
         for (i, s) in settings.iter().enumerate() {
             let variation = self.tracks[i].variation();
             let off = match (handed[i], first[i]) {
@@ -144,6 +147,9 @@ impl Quantities {
             // JSON, which the state is kept in, has no infinity.
             self.tracks[i].worst = self.tracks[i].worst.max(error).min(f64::MAX);
             beyond |= error > s.tolerance;
+            decided.push(
+                json!({"object": s.object, "result": s.result, "error": error, "tolerance": s.tolerance}),
+            );
             told.push(format!(
                 "{} of {} was off by {error:.2e} of what it varies by (tolerance {})",
                 s.result, s.object, s.tolerance
@@ -167,7 +173,8 @@ impl Quantities {
         } else if let Some(most) = self.most.filter(|most| *most > 0 && self.jump >= *most) {
             self.most = Some(most + most.div_ceil(2));
         }
-        Held { note: note + "\n\n", warning }
+        let decided = json!({"quantities": decided, "beyond": beyond, "most": self.most});
+        Held { note: note + "\n\n", warning, decided }
     }
 
     /// Entries of the summary: of each quantity the worst error at the end of a jump, then how many jumps were judged and beyond.

@@ -3,6 +3,7 @@
 use crate::candidate::Candidate;
 use crate::conditions::Conditions;
 use crate::control::Control;
+use crate::decisions::Decisions;
 use crate::jump::Jump;
 use crate::log::Log;
 use crate::observe::Observer;
@@ -119,6 +120,7 @@ pub struct Ride<'a> {
     /// Whether a surrogate has taken a stride.
     pub(crate) stepped: bool,
     pub(crate) log: Log,
+    pub(crate) decisions: Decisions,
 }
 
 impl<'a> Ride<'a> {
@@ -189,8 +191,10 @@ impl<'a> Ride<'a> {
         };
         let present = layout.arrays().iter().zip(&kept);
         let present = present.map(|(a, &kept)| vec![0.0; if kept { a.numbers() } else { 0 }]).collect();
+        let decisions = Decisions::new(settings.decisions.clone().filter(|_| comm.is_root()), &start);
         Ok(Ride {
             comm,
+            decisions,
             schedule,
             layout,
             candidates,
@@ -279,7 +283,7 @@ impl<'a> Ride<'a> {
         let state = self.checked("solved", state, wanted)?;
         if let Some(correctors) = step.correctors {
             let said = self.watch.stepped(&step.name, correctors);
-            self.log.judged(said);
+            self.log.judged(&step, said, &mut self.decisions);
         }
         self.step = step;
         if let Some(state) = state.filter(|_| wanted) {
@@ -289,12 +293,13 @@ impl<'a> Ride<'a> {
                     (&mut candidate.fit_control, candidate.surrogate.fits_mut())
                     && fits.wants(&self.step)
                 {
-                    self.log.text += &control.observe(fits, &self.step, state)?;
+                    self.log.text += &control.observe(fits, &self.step, state, &mut self.decisions)?;
                 }
             }
         }
         let answer = self.decided();
         self.tell_measured();
+        self.tell_begun();
         answer
     }
 

@@ -44,6 +44,8 @@ struct Description {
     totals: Totals,
     conditions: Conditions,
     refused: bool,
+    /// How many decisions have been told.
+    decisions: usize,
     surrogates: Vec<Saved>,
     /// What the host keeps there.
     host: String,
@@ -155,6 +157,7 @@ impl Ride<'_> {
             totals: self.totals.clone(),
             conditions: self.conditions.clone(),
             refused: self.log.refused,
+            decisions: self.decisions.told,
             surrogates,
             host: self.settings.host.clone(),
         };
@@ -255,6 +258,7 @@ impl Ride<'_> {
             (self.watch, self.quantities, self.log.refused) = (found.watch, found.quantities, found.refused);
         }
         self.handed_back = step.index - if ended || !at.holds { 0 } else { found.since };
+        self.decisions.carry_on(found.decisions);
         self.log.text += &format!("m4gn: {name} goes on from its state at time {}", step.name);
         if !at.holds {
             self.log.text += &format!(
@@ -274,7 +278,9 @@ impl Ride<'_> {
         self.step = Step { delta_t: if found.left < 0 { step.delta_t } else { found.delta_t }, ..step };
         if found.left < 0 {
             // The run that was stopped here let no jump begin that went past its end.
-            return self.begun();
+            let answer = self.begun();
+            self.tell_begun();
+            return answer;
         }
         let jump = Jump {
             surrogate: found.jumper,
@@ -285,6 +291,7 @@ impl Ride<'_> {
             over: found.left == 0,
             cut: None,
             began: self.totals.seconds,
+            limited: "",
             expected: found.expected,
         };
         let jumper = jump.surrogate;

@@ -7,6 +7,7 @@ use crate::registry::{KINDS, NETWORK, find};
 use m4gn_base::settings;
 use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// Tolerance of control where a surrogate needs it and nothing is said.
 const TOLERANCE: f64 = 0.05;
@@ -52,6 +53,10 @@ settings! {
         pub quantities: Vec<QuantitySettings> = Vec::new(), "none";
         /// Significant digits of tables and messages.
         pub write_precision: usize = 6;
+        /// Where what is decided is written, as lines of JSON.
+        pub decisions: Option<PathBuf> = None, "nowhere";
+        /// Where the dmd surrogate keeps its states, a file a rank.
+        pub states: Option<PathBuf> = None, "nowhere";
         /// Name of the ride in messages.
         pub name: String = String::new();
         /// Where the model is from, in messages and tables.
@@ -78,9 +83,7 @@ impl RideSettings {
                 read.solver_steps.get_or_insert(1);
                 read.surrogate_steps.get_or_insert(dmd.max_jump);
             }
-            if !dmd.keep {
-                dmd.file = None;
-            }
+            dmd.file = read.states.clone().filter(|_| dmd.keep);
         }
         read.check()?;
         Ok(read)

@@ -4,6 +4,7 @@ use crate::log::Log;
 use crate::ride::Ride;
 use crate::settings::Mode;
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 /// The shortest time that a share is taken of, s.
 const LEAST: f64 = 1e-300;
@@ -62,6 +63,7 @@ impl Ride<'_> {
                 let (who, candidate) = (self.who(i), &self.candidates[i]);
                 if let Some(observer) = &candidate.observer {
                     self.log.text += &observer.summary(&who, candidate, &self.layout, digits);
+                    self.decisions.tell(&self.step, "end", &observer.totals(candidate, &self.layout));
                 }
             }
             return String::new();
@@ -144,6 +146,8 @@ impl Ride<'_> {
             ("setup_seconds", digits.of(setup)),
         ]);
         entries.extend(more.into_iter().map(|(name, value)| (name.to_string(), value)));
+        let numbers = entries.iter().map(|(name, v)| (name.clone(), json!(v.parse::<f64>().ok())));
+        self.decisions.tell(&self.step, "end", &Value::Object(numbers.collect()));
         let lines: Vec<String> =
             entries.iter().map(|(name, value)| format!("  \"{name}\": {value}")).collect();
         format!("{{\n{}\n}}\n", lines.join(",\n"))

@@ -4,6 +4,7 @@
 //! the median of its steps before was below the cap, the next jumps have half as many strides; if the jump was of one, there are no more.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 /// Steps of the solver that are watched after a jump.
 const AFTER: usize = 5;
@@ -42,6 +43,8 @@ pub struct Judgement {
     pub note: String,
     /// Where there are no more jumps.
     pub warning: Option<String>,
+    /// The same as data.
+    pub decided: Value,
 }
 
 impl Watch {
@@ -116,7 +119,8 @@ impl Watch {
                 }
             }
         }
-        Some(Judgement { note, warning })
+        let decided = json!({"before": usual, "after": self.after, "cap": cap, "most": self.most});
+        Some(Judgement { note, warning, decided })
     }
 
     /// Jumps that were judged, the means over them of the median before and of the mean after, and how many led to the cap; none where

@@ -41,7 +41,7 @@ if "$program" "$model" "{$free}" 0.4 state 0.152 resume > refused 2>&1; then fai
 grep -q 'checksum' refused || fail "$(cat refused)"
 
 # A fit needs no model: it takes most of the run, and what comes of it is the solver's own to 1 %
-fit='"mode": "replace", "name": "host", "surrogates": ["dmd"], "dmd": {"file": "snapshots"}'
+fit='"mode": "replace", "name": "host", "surrogates": ["dmd"], "states": "snapshots"'
 carried_on - "{$fit}" 12 3 9
 "$program" - "{$fit, \"time_start\": 1e9}" 12 > alone
 sum() { last "$1" | sed 's/.*squares //'; }

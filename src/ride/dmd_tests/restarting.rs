@@ -3,8 +3,22 @@
 use super::*;
 use std::path::Path;
 
+/// Settings that keep states there, and what is decided in a file of this name.
+fn telling(folder: &Path, decisions: &str) -> String {
+    let files =
+        format!("{{\"states\": {:?}, \"decisions\": {:?}, ", folder.join("states"), folder.join(decisions));
+    SETTINGS.replacen('{', &files, 1)
+}
+
 fn keeping(folder: &Path) -> String {
-    SETTINGS.replace("\"initialJump\"", &format!("\"file\": {:?}, \"initialJump\"", folder.join("states")))
+    telling(folder, "decisions.jsonl")
+}
+
+/// Times and events of what was decided.
+fn decided(file: &Path) -> Vec<(f64, String)> {
+    let text = std::fs::read_to_string(file).unwrap();
+    let lines = text.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    lines.map(|line| (line["time"].as_f64().unwrap(), line["event"].to_string())).collect()
 }
 
 /// A run to a time, saved there under these conditions.
@@ -33,17 +47,16 @@ fn bits(host: &Host) -> Vec<u64> {
 #[test]
 fn a_run_that_is_carried_on_in_a_jump_and_beside_the_solver_has_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("states");
-    let settings = SETTINGS.replace("\"initialJump\"", &format!("\"file\": {:?}, \"initialJump\"", file));
+    let settings = |decisions: &str| telling(folder.path(), decisions);
     // In the second jump, between two samples of the solver, and where the last states are all the same.
     for (broken, at) in [(1e9, 7.65), (1e9, 9.05), (1e9, 4.9), (-4.0, 6.9)] {
-        let mut whole = Host::new(&settings, 0.0, 0, 25.0, solver(0.0, broken));
+        let mut whole = Host::new(&settings("whole"), 0.0, 0, 25.0, solver(0.0, broken));
         whole.run(broken, |_| false);
         let path = folder.path().join("ride.state");
-        let mut first = Host::new(&settings, 0.0, 0, 25.0, solver(0.0, broken));
+        let mut first = Host::new(&settings("parts"), 0.0, 0, 25.0, solver(0.0, broken));
         first.run(broken, |h| h.time > at - 1e-9);
         first.ride.save(&path).unwrap();
-        let mut second = Host::new(&settings, first.time, first.index, 25.0, first.u.clone());
+        let mut second = Host::new(&settings("parts"), first.time, first.index, 25.0, first.u.clone());
         let now = second.now();
         let answer = second.with(|ride, state| ride.load(&path, now, state)).unwrap();
         let stopped = second.go_on(&answer, &|_| false);
@@ -51,6 +64,8 @@ fn a_run_that_is_carried_on_in_a_jump_and_beside_the_solver_has_the_same_bits() 
         second.run(broken, |_| false);
         assert_eq!(bits(&whole), bits(&second), "{at}: {:?} {:?}", whole.jumps, second.jumps);
         assert_eq!(whole.jumps.last(), second.jumps.last());
+        let [whole, parts] = ["whole", "parts"].map(|name| decided(&folder.path().join(name)));
+        assert_eq!(whole, parts, "{at}");
     }
 }
 
