@@ -16,6 +16,7 @@ pub mod bench;
 pub mod calibrate;
 pub mod check;
 pub mod compare;
+pub mod decisions;
 mod digest;
 pub mod errors;
 mod foam_bridge;

@@ -1,16 +1,16 @@
-//! A copy of a case that its solver can run in: what is small is copied, what is large is linked, and the user's folder stays as it is.
+//! A copy of a case that its solver can run in. No path in it leads out of it, so that nothing that runs there can write into the user's files.
 
 use crate::generate::openfoam::absolute;
-use crate::generate::process::Surroundings;
+use crate::generate::process::{Surroundings, excerpt};
 use m4gn_base::{Error, Result};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Files above are linked: meshes and fields. No program that runs here writes to one.
-const LARGE: u64 = 1 << 20;
+/// Of longer files the begin and the end are searched for names of other files.
+const SEARCHED: usize = 1 << 18;
 
 /// Name of the function object that checks.
-const NAME: &str = "m4gnCheck";
+pub(super) const NAME: &str = "m4gnCheck";
 
 /// What is not of use to a run.
 const LEFT_OUT: [&str; 4] = ["postProcessing", "VTK", "logs", "dynamicCode"];
@@ -40,7 +40,7 @@ impl Copy {
         let original = absolute(case)?;
         let real = original.canonicalize().unwrap_or_else(|_| original.clone());
         let name = real.file_name().unwrap_or("case".as_ref());
-        link_siblings(&real, beside)?;
+        fs::create_dir_all(beside).map_err(|e| Error::file(beside, format!("cannot be made: {e}")))?;
         let mut copy = Copy {
             folder: beside.join(name),
             application: String::new(),
@@ -49,7 +49,7 @@ impl Copy {
             original,
             own: Vec::new(),
         };
-        copy_folder(&copy.original.join("system"), &copy.folder.join("system"))?;
+        copy_all(&copy.original.join("system"), &copy.folder.join("system"))?;
         let Some(application) = copy.entry("application", tools)? else {
             return Err(Error::file(
                 copy.control(),
@@ -63,6 +63,7 @@ impl Copy {
             copy.ranks = processors;
         }
         copy.take(start)?;
+        copy.take_named(&real, beside)?;
         copy.find_own(tools)?;
         copy.complete(tools)?;
         Ok(copy)
@@ -76,34 +77,58 @@ impl Copy {
     fn entry(&self, name: &str, tools: &Surroundings) -> Result<Option<String>> {
         let control = self.control().display().to_string();
         let done = tools.run(&self.folder, &["foamDictionary", "-entry", name, "-value", &control]);
-        let log = fs::read_to_string(self.folder.join("log.foamDictionary")).unwrap_or_default();
+        let log = excerpt(&self.folder.join("log.foamDictionary"));
         match done {
             Ok(()) => Ok(log.lines().rfind(|l| !l.trim().is_empty()).map(|l| l.trim().to_string())),
             Err(Error::Interrupted(e)) => Err(Error::Interrupted(e)),
             Err(_) if log.contains("Cannot find entry") => Ok(None),
-            Err(e) => Err(Error::file(self.control(), super::words(&log, &e))),
+            Err(e) => Err(Error::file(self.control(), super::log::words(&log, &e))),
         }
     }
 
-    /// Everything but times that no run starts from.
+    /// What a run reads: its dictionaries, the first and the last time, and that which it starts from.
     fn take(&self, start: f64) -> Result<()> {
-        let time = |name: &str| name.parse::<f64>().ok().filter(|t| t.is_finite());
-        let names = names(&self.original)?;
-        let times = || names.iter().filter_map(|n| time(n));
-        let (first, last) =
-            (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
-        for name in &names {
-            let path = self.original.join(name);
-            let wanted = match time(name) {
-                Some(t) => t == first || t == last || (t - start).abs() <= 1e-9 * start.abs(),
-                None if name.starts_with("processor") => self.ranks > 0,
-                None => !LEFT_OUT.contains(&name.as_str()) && name != "system",
-            };
-            if wanted && path.is_dir() {
-                copy_folder(&path, &self.folder.join(name))?;
-            } else if wanted && path.is_file() {
-                copy_file(&path, &self.folder.join(name))?;
+        let processors = (0..self.ranks).map(|i| format!("processor{i}"));
+        for part in std::iter::once(String::new()).chain(processors) {
+            let (from, to) = (self.original.join(&part), self.folder.join(&part));
+            let names = names(&from)?;
+            let times = || names.iter().filter_map(|n| time(n));
+            let (first, last) =
+                (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
+            for name in &names {
+                let wanted = match time(name) {
+                    Some(t) => t == first || t == last || (t - start).abs() <= 1e-9 * start.abs(),
+                    None => name == "constant" || name.ends_with(".orig"),
+                };
+                if wanted {
+                    copy_all(&from.join(name), &to.join(name))?;
+                }
             }
+        }
+        Ok(())
+    }
+
+    /// Other files and folders of the case, and what lies beside it, where its files name them.
+    fn take_named(&self, real: &Path, beside: &Path) -> Result<()> {
+        let parent = real.parent().unwrap_or(real);
+        let own =
+            |name: &str| time(name).is_none() && !name.starts_with("processor") && !LEFT_OUT.contains(&name);
+        let mut missing: Vec<(PathBuf, PathBuf, String)> = Vec::new();
+        for name in names(&self.original)?.into_iter().filter(|n| own(n)) {
+            missing.push((self.original.join(&name), self.folder.join(&name), name));
+        }
+        for name in names(parent).unwrap_or_default() {
+            if Some(name.as_ref()) != real.file_name() {
+                missing.push((parent.join(&name), beside.join(&name), format!("../{name}")));
+            }
+        }
+        missing.retain(|(_, to, _)| !to.exists());
+        let mut texts = Vec::new();
+        read_all(&self.folder, &mut texts);
+        while let Some(at) = missing.iter().position(|(.., name)| texts.iter().any(|t| mentions(t, name))) {
+            let (from, to, _) = missing.swap_remove(at);
+            copy_all(&from, &to)?;
+            read_all(&to, &mut texts);
         }
         Ok(())
     }
@@ -116,7 +141,7 @@ impl Copy {
         let control = self.control().display().to_string();
         let listed =
             tools.run(&self.folder, &["foamDictionary", "-entry", "functions", "-keywords", &control]);
-        let names = fs::read_to_string(self.folder.join("log.foamDictionary")).unwrap_or_default();
+        let names = excerpt(&self.folder.join("log.foamDictionary"));
         for name in names.lines().map(str::trim).filter(|n| listed.is_ok() && !n.is_empty()) {
             let kind = self.entry(&format!("functions/{name}/type"), tools)?;
             if kind.is_some_and(|k| k.starts_with("m4gn")) {
@@ -144,12 +169,8 @@ impl Copy {
             return Ok(());
         }
         if let Err(e) = tools.run(&self.folder, &["blockMesh"]) {
-            let log = fs::read_to_string(at("log.blockMesh")).unwrap_or_default();
-            let log = self.in_words_of_the_case(&log);
-            return Err(Error::file(
-                &self.original,
-                format!("blockMesh makes no mesh of it: {}", super::words(&log, &e)),
-            ));
+            let said = self.in_words_of_the_case(&super::log::words(&excerpt(&at("log.blockMesh")), &e));
+            return Err(Error::file(&self.original, format!("blockMesh makes no mesh of it: {said}")));
         }
         self.notes.push("the mesh is blockMesh's".into());
         Ok(())
@@ -171,12 +192,10 @@ impl Copy {
         fs::write(&path, text).map_err(|e| Error::file(path, format!("cannot be written: {e}")))
     }
 
-    /// A log with the paths of the user's case, and without advice about the function object that it does not have.
-    pub fn in_words_of_the_case(&self, log: &str) -> String {
+    /// A text with the paths of the user's case, and the name that its function object has there.
+    pub fn in_words_of_the_case(&self, text: &str) -> String {
         let folder = |path: &Path| path.display().to_string();
-        let advice = |line: &str| line.contains(NAME) && !line.contains("while loading");
-        let lines = log.lines().filter(|l| !advice(l)).map(|l| format!("{l}\n"));
-        lines.collect::<String>().replace(&folder(&self.folder), &folder(&self.original))
+        text.replace(&folder(&self.folder), &folder(&self.original)).replace(NAME, "surrogate")
     }
 
     /// The solver's command.
@@ -203,65 +222,158 @@ fn names(folder: &Path) -> Result<Vec<String>> {
     Ok(entries.flatten().filter_map(|e| e.file_name().into_string().ok()).collect())
 }
 
-/// What lies beside the case is found from the copy as well: its files may include it.
-fn link_siblings(case: &Path, beside: &Path) -> Result<()> {
-    fs::create_dir_all(beside).map_err(|e| Error::file(beside, format!("cannot be made: {e}")))?;
-    let Some(parent) = case.parent() else { return Ok(()) };
-    for name in names(parent).unwrap_or_default() {
-        if Some(name.as_ref()) != case.file_name() {
-            let _ = std::os::unix::fs::symlink(parent.join(&name), beside.join(&name));
-        }
-    }
-    Ok(())
+/// The time that a folder is of; none: it is of none.
+fn time(name: &str) -> Option<f64> {
+    name.parse::<f64>().ok().filter(|t| t.is_finite())
 }
 
-fn copy_folder(from: &Path, to: &Path) -> Result<()> {
-    fs::create_dir_all(to).map_err(|e| Error::file(to, format!("cannot be made: {e}")))?;
-    for name in names(from)? {
-        let (from, to) = (from.join(&name), to.join(&name));
-        if from.is_dir() && !from.is_symlink() {
-            copy_folder(&from, &to)?;
-        } else {
-            copy_file(&from, &to)?;
-        }
-    }
-    Ok(())
+/// Copies a file, or a folder with all that is in it. Links become what they lead to; those that lead nowhere or back to where they are,
+/// pipes and devices are left out.
+fn copy_all(from: &Path, to: &Path) -> Result<()> {
+    copy_within(from, to, &mut Vec::new())
 }
 
-fn copy_file(from: &Path, to: &Path) -> Result<()> {
-    let done = match fs::metadata(from) {
-        Ok(kind) if kind.is_file() && kind.len() <= LARGE => {
-            fs::read(from).and_then(|bytes| fs::write(to, bytes))
-        }
-        Ok(kind) if kind.is_file() || kind.is_dir() => std::os::unix::fs::symlink(from, to),
-        // Pipes, devices, links that lead nowhere
-        _ => Ok(()),
+fn copy_within(from: &Path, to: &Path, open: &mut Vec<PathBuf>) -> Result<()> {
+    let failed = |e: std::io::Error| {
+        Error::file(from, format!("cannot be copied to {}: {e}; TMPDIR says where copies go", to.display()))
     };
-    done.map_err(|e| Error::file(from, format!("cannot be copied: {e}")))
+    let Ok(kind) = fs::metadata(from) else { return Ok(()) };
+    if kind.is_file() {
+        let copied = || {
+            to.parent().map_or(Ok(()), fs::create_dir_all)?;
+            std::io::copy(&mut fs::File::open(from)?, &mut fs::File::create(to)?)
+        };
+        return copied().map(drop).map_err(failed);
+    }
+    let real = from.canonicalize().map_err(failed)?;
+    if !kind.is_dir() || open.contains(&real) {
+        return Ok(());
+    }
+    fs::create_dir_all(to).map_err(failed)?;
+    open.push(real);
+    for name in names(from)? {
+        copy_within(&from.join(&name), &to.join(&name), open)?;
+    }
+    open.pop();
+    Ok(())
+}
+
+/// Texts of all files here, of long ones the begin and the end.
+fn read_all(path: &Path, texts: &mut Vec<String>) {
+    if path.is_dir() {
+        names(path).unwrap_or_default().iter().for_each(|name| read_all(&path.join(name), texts));
+    } else {
+        texts.push(crate::generate::process::ends(path, SEARCHED));
+    }
+}
+
+/// Whether a text has this name as a whole part of a path.
+fn mentions(text: &str, name: &str) -> bool {
+    let inside = |c: char| c.is_alphanumeric() || "_-.".contains(c);
+    text.match_indices(name).any(|(at, _)| {
+        let (before, after) = (text[..at].chars().next_back(), text[at + name.len()..].chars().next());
+        !before.is_some_and(inside) && !after.is_some_and(inside)
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::os::unix::fs::symlink;
+
+    /// A case of the names and texts, and a copy of it that is not made yet.
+    fn case(files: &[(&str, &str)]) -> (tempfile::TempDir, Copy) {
+        let dir = tempfile::tempdir().unwrap();
+        let original = dir.path().join("study/case");
+        for (name, text) in files {
+            let path = original.join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+        let folder = dir.path().join("beside/case");
+        fs::create_dir_all(&folder).unwrap();
+        let copy = Copy {
+            folder,
+            application: String::new(),
+            ranks: 0,
+            notes: Vec::new(),
+            original,
+            own: Vec::new(),
+        };
+        (dir, copy)
+    }
+
+    /// Whether any path below leads out of it.
+    fn leads_out(folder: &Path) -> bool {
+        names(folder)
+            .unwrap()
+            .iter()
+            .map(|n| folder.join(n))
+            .any(|p| p.is_symlink() || p.is_dir() && leads_out(&p))
+    }
 
     #[test]
-    fn what_is_small_is_copied_and_what_is_large_is_linked() {
-        let dir = tempfile::tempdir().unwrap();
-        let (case, beside) = (dir.path().join("study/case"), dir.path().join("copy"));
-        fs::create_dir_all(case.join("constant/polyMesh")).unwrap();
-        fs::write(case.join("../shared"), "nu 1;").unwrap();
-        fs::write(case.join("constant/small"), "a").unwrap();
-        fs::write(case.join("constant/polyMesh/faces"), vec![b' '; LARGE as usize + 1]).unwrap();
-        std::os::unix::fs::symlink("nowhere", case.join("constant/dangling")).unwrap();
-        assert!(has_mesh(&case) && !has_mesh(&beside));
-        link_siblings(&case, &beside).unwrap();
-        copy_folder(&case, &beside.join("case")).unwrap();
-        let at = |name: &str| beside.join("case").join(name);
-        assert!(!at("constant/small").is_symlink() && at("constant/polyMesh/faces").is_symlink());
-        assert!(!at("constant/dangling").is_symlink());
-        assert_eq!(fs::read_to_string(at("../shared")).unwrap(), "nu 1;");
-        // The copy's files are its own.
-        fs::write(at("constant/small"), "b").unwrap();
-        assert_eq!(fs::read_to_string(case.join("constant/small")).unwrap(), "a");
+    fn nothing_in_the_copy_is_the_user_s() {
+        let long = " ".repeat(2 << 20);
+        let (dir, copy) = case(&[
+            ("log.icoFoam", &long),
+            ("system/controlDict", &long),
+            ("constant/polyMesh/faces", &long),
+            ("0/U", "a"),
+        ]);
+        let (from, study) = (&copy.original, dir.path().join("study"));
+        fs::create_dir(study.join("mesh")).unwrap();
+        fs::write(study.join("mesh/points"), "p").unwrap();
+        symlink("../../mesh", from.join("constant/linked")).unwrap();
+        symlink("../../mesh/points", from.join("constant/points")).unwrap();
+        symlink("..", from.join("constant/round")).unwrap();
+        symlink("nowhere", from.join("constant/dangling")).unwrap();
+        copy_all(&from.join("system"), &copy.folder.join("system")).unwrap();
+        copy.take(0.0).unwrap();
+        copy.take_named(from, &dir.path().join("beside")).unwrap();
+        assert!(!leads_out(&copy.folder));
+        let at = |name: &str| copy.folder.join(name);
+        assert!(!at("log.icoFoam").exists() && !at("constant/dangling").exists());
+        for name in
+            ["constant/linked/points", "constant/points", "system/controlDict", "constant/polyMesh/faces"]
+        {
+            fs::write(at(name), "another").unwrap();
+        }
+        assert_eq!(fs::read_to_string(study.join("mesh/points")).unwrap(), "p");
+        assert_eq!(fs::read_to_string(from.join("system/controlDict")).unwrap(), long);
+        assert_eq!(fs::read_to_string(from.join("constant/polyMesh/faces")).unwrap(), long);
+    }
+
+    #[test]
+    fn what_the_files_name_comes_along() {
+        let (dir, copy) = case(&[
+            ("system/controlDict", "#include \"../../shared\"\nfile \"$FOAM_CASE/inlet.csv\";"),
+            ("inlet.csv", "1"),
+            ("notes.csv", "2"),
+            ("0/U", "a"),
+            ("0.5/U", "b"),
+            ("1/U", "c"),
+        ]);
+        let study = dir.path().join("study");
+        for (name, text) in [("shared", "#include \"../deeper\""), ("deeper", "nu 1;"), ("other", "x")] {
+            fs::write(study.join(name), text).unwrap();
+        }
+        let beside = dir.path().join("beside");
+        copy_all(&copy.original.join("system"), &copy.folder.join("system")).unwrap();
+        copy.take(0.0).unwrap();
+        copy.take_named(&copy.original, &beside).unwrap();
+        let there = |name: &str| beside.join(name).exists();
+        assert!(there("shared") && there("deeper") && !there("other"));
+        assert!(there("case/inlet.csv") && !there("case/notes.csv"));
+        assert!(there("case/0/U") && !there("case/0.5/U") && there("case/1/U"));
+    }
+
+    #[test]
+    fn names_are_whole_parts_of_paths() {
+        assert!(
+            mentions("#include \"../shared\"", "../shared") && mentions("a ../../shared/b;", "../shared")
+        );
+        assert!(!mentions("../shared2", "../shared") && !mentions("\"shared\"", "../shared"));
+        assert!(mentions("\"inlet.csv\"", "inlet.csv") && !mentions("my-inlet.csv", "inlet.csv"));
     }
 }

@@ -2,27 +2,29 @@
 //! by the same code as in a run.
 
 mod copy;
+mod log;
 mod report;
-mod words;
+mod verdict;
 
 pub use report::{Patch, Report, Suggestion, WINDOW};
 
+use crate::decisions::{self, Decision};
 use crate::generate::case::{Times, program};
-use crate::generate::family::Family;
+use crate::generate::family::{self, Family};
 use crate::generate::openfoam::{absolute, environment, plain_path};
 use crate::generate::parameter::Settings;
-use crate::generate::process::Surroundings;
+use crate::generate::process::{Surroundings, excerpt};
 use copy::Copy;
 use m4gn_base::{Error, Result};
 use m4gn_parallel::Comm;
+use m4gn_report::number;
 use m4gn_train::{Request, delta, train_native};
 use serde::Serialize;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicU8;
-use std::time::Duration;
-
-pub(crate) use words::words;
+use std::time::{Duration, Instant};
+use verdict::{End, Verdict};
 
 /// Steps between the frames that a network is made from.
 const STEPS: usize = 5;
@@ -45,7 +47,8 @@ impl Case {
     /// # Errors
     /// [`Error::Input`] that says what was expected.
     pub fn find(name: &Path) -> Result<Self> {
-        if name.join("system/controlDict").is_file() {
+        // A family's folder is a case as well, with gaps
+        if name.join("system/controlDict").is_file() && !name.join(family::FILE).exists() {
             return Ok(Case::Folder(absolute(name)?));
         }
         let what = match (name.is_dir(), name.exists()) {
@@ -54,11 +57,22 @@ impl Case {
             _ => "does not exist",
         };
         Family::find(name).map(|f| Case::Family(Box::new(f))).map_err(|e| {
+            if name.join(family::FILE).exists() {
+                return e;
+            }
             Error::Input(format!(
                 "{} {what}: expected the folder of an OpenFOAM case, or a family of cases ({e})",
                 name.display()
             ))
         })
+    }
+
+    /// The folder that it is read from.
+    pub fn folder(&self) -> &Path {
+        match self {
+            Case::Folder(folder) => folder,
+            Case::Family(family) => &family.folder,
+        }
     }
 }
 
@@ -82,9 +96,11 @@ pub struct Plan {
 pub struct Finding {
     /// dmd, network.
     pub surrogate: String,
-    /// Why it does not fit; none: it does.
+    /// Why it does not fit, or is not told to; none: it does.
     pub why: Option<String>,
-    /// What the function object and the solver said.
+    /// Whether its run was ended before it could be told.
+    pub open: bool,
+    /// What the function object did, and what m4gn warned of.
     pub notes: Vec<String>,
     /// How far it came.
     pub report: Report,
@@ -151,6 +167,7 @@ pub fn run(plan: &Plan) -> Result<Checked> {
         Some(Err(e)) => findings.push(Finding {
             surrogate: "network".into(),
             why: Some(format!("no network can be made of the configuration and this case: {e}")),
+            open: false,
             notes: Vec::new(),
             report: Report::default(),
             stride: None,
@@ -182,6 +199,8 @@ fn draw(family: &Family, folder: &Path, tools: &Surroundings) -> Result<()> {
 fn one(plan: &Plan, copy: &Copy, surrogate: &str, entries: &str, tools: &Surroundings) -> Result<Finding> {
     let path = copy.folder.join("report.json");
     let _ = fs::remove_file(&path);
+    // Of the surrogate before
+    let _ = fs::remove_dir_all(copy.folder.join("postProcessing").join(copy::NAME));
     copy.control_dict(
         "",
         &format!(
@@ -190,26 +209,60 @@ fn one(plan: &Plan, copy: &Copy, surrogate: &str, entries: &str, tools: &Surroun
             plan.seconds
         ),
     )?;
-    let solver = copy.solver();
+    let (solver, start) = (copy.solver(), Instant::now());
     let done = tools.run(&copy.folder, &solver);
+    let late = start.elapsed() > tools.timeout;
     if let Err(Error::Interrupted(e)) = done {
         return Err(Error::Interrupted(e));
     }
-    let log = fs::read(copy.folder.join(format!("log.{}", program(&solver)))).unwrap_or_default();
-    let log = copy.in_words_of_the_case(&String::from_utf8_lossy(&log));
+    let log = copy.in_words_of_the_case(&excerpt(&copy.folder.join(format!("log.{}", program(&solver)))));
     let text = fs::read_to_string(&path).unwrap_or_default();
     let report: Report = match text.is_empty() {
         true => Report::default(),
         false => serde_json::from_str(&text)
             .map_err(|e| Error::Internal(format!("report of mode check: {e}: {text}")))?,
     };
-    Ok(Finding {
-        surrogate: surrogate.into(),
-        why: words::why(&report, &log, done.err().as_ref(), &copy.application),
-        notes: words::notes(&log),
-        stride: report.suggestion().and_then(|s| words::stride(&log, s.window)),
-        report,
-    })
+    let failed = done.err();
+    let end = End { log: &log, failed: failed.as_ref(), late, seconds: plan.seconds };
+    let (why, open) = match Verdict::of(&report, &end, &copy.application) {
+        Verdict::Fits => (None, false),
+        Verdict::No(why) => (Some(why), false),
+        Verdict::Open(what) => (Some(what), true),
+    };
+    let decisions = decisions::read(&copy.folder, copy::NAME)?;
+    let mut notes: Vec<String> =
+        decisions::last(&decisions, "handed_back").map(jump_text).into_iter().collect();
+    notes.extend(log::warnings(&log).into_iter().map(|w| format!("warning: {w}")));
+    let stride = report.suggestion().and_then(|s| stride(&decisions, s.window));
+    Ok(Finding { surrogate: surrogate.into(), why, open, notes, stride, report })
+}
+
+/// What the jump was, for people.
+fn jump_text(jump: &Decision) -> String {
+    let figure = |name: &str| jump[name].as_f64().map_or("-".into(), |v| number(v, 3));
+    let told = jump["quantities"].as_object().into_iter().flatten();
+    let told: String =
+        told.map(|(name, v)| format!("; {name} {}", number(v.as_f64().unwrap_or(f64::NAN), 2))).collect();
+    format!(
+        "jumped {} steps to time {} in {} s{told}",
+        jump["strides"],
+        figure("time"),
+        number(seconds(jump), 2)
+    )
+}
+
+/// Wall time of a jump, s.
+fn seconds(jump: &Decision) -> f64 {
+    ["surrogate_seconds", "hand_over_seconds"].iter().filter_map(|name| jump[*name].as_f64()).sum()
+}
+
+/// What a stride of the dmd surrogate takes with this window, s: what the jump of one stride took, and what each further state adds. None:
+/// there was none.
+fn stride(decisions: &[Decision], window: usize) -> Option<f64> {
+    let jump = decisions::last(decisions, "handed_back").filter(|jump| jump["strides"] == 1)?;
+    let fit = decisions.iter().find(|d| d["event"] == "fit" && d["seconds_a_state"].is_number())?;
+    let added = (window as f64 - fit["states"].as_f64()?) * fit["seconds_a_state"].as_f64()?;
+    Some(seconds(jump) + added)
 }
 
 /// A network of the shape of a configuration, made from a few steps of the solver: its weights are random, its ranges the case's.
@@ -256,10 +309,10 @@ fn random(
     )?;
     let solver = copy.solver();
     tools.run(&copy.folder, &solver).map_err(|e| {
-        let log = fs::read(copy.folder.join(format!("log.{}", program(&solver)))).unwrap_or_default();
+        let log = excerpt(&copy.folder.join(format!("log.{}", program(&solver))));
         match e {
             Error::Interrupted(_) => e,
-            e => Error::Input(words(&String::from_utf8_lossy(&log), &e)),
+            e => Error::Input(copy.in_words_of_the_case(&log::words(&log, &e))),
         }
     })?;
     let request = Request {
@@ -277,4 +330,21 @@ fn random(
     };
     train_native(&request, tools.stop, &Comm::serial())?;
     Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn each_state_of_a_window_has_its_share_of_a_stride() {
+        let fit = json!({"time": 1.0, "event": "fit", "states": 14, "seconds_a_state": 5e-4});
+        let jump = json!({"time": 2.0, "event": "handed_back", "strides": 1, "surrogate_seconds": 0.01,
+            "hand_over_seconds": 0.008, "quantities": {"maxDivAfter": 2.6e-5}});
+        let told = jump_text(&jump);
+        assert!((stride(&[fit.clone(), jump], 40).unwrap() - 0.031).abs() < 1e-12);
+        assert_eq!(stride(&[fit], 40), None);
+        assert_eq!(told, "jumped 1 steps to time 2.00 in 0.018 s; maxDivAfter 2.6e-5");
+    }
 }

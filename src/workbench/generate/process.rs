@@ -3,6 +3,7 @@
 use super::guard::Guard;
 use m4gn_base::ffi::ask_to_end;
 use m4gn_base::{Error, Result};
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -92,10 +93,35 @@ impl Surroundings {
     }
 }
 
+/// Most of each end of a log that is read: a program may have written without end.
+const READ: usize = 1 << 20;
+
+/// A log, of a long one its begin and its end.
+pub fn excerpt(log: &Path) -> String {
+    ends(log, READ)
+}
+
+/// A file, of one longer than twice `each` bytes so many of its begin and of its end. Empty: it cannot be read.
+pub(crate) fn ends(path: &Path, each: usize) -> String {
+    let read = || -> std::io::Result<Vec<u8>> {
+        let mut file = std::fs::File::open(path)?;
+        let (length, each) = (file.metadata()?.len(), each as u64);
+        let mut bytes = Vec::new();
+        let begin = if length > 2 * each { each } else { length };
+        (&mut file).take(begin).read_to_end(&mut bytes)?;
+        if begin < length {
+            file.seek(SeekFrom::End(-(each as i64)))?;
+            bytes.push(b'\n');
+            file.take(each).read_to_end(&mut bytes)?;
+        }
+        Ok(bytes)
+    };
+    String::from_utf8_lossy(&read().unwrap_or_default()).into_owned()
+}
+
 /// The message of an OpenFOAM tool's fatal error, or the last line of the log.
 fn reason(log: &Path) -> String {
-    let text = std::fs::read(log).unwrap_or_default();
-    let text = String::from_utf8_lossy(&text);
+    let text = excerpt(log);
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
     let fatal = lines.iter().rposition(|l| l.contains("FOAM FATAL"));
     let shown = match fatal {
@@ -186,6 +212,16 @@ mod tests {
             assert!(start.elapsed() < Duration::from_secs(60), "it goes on");
             std::thread::sleep(Duration::from_millis(10));
         }
+    }
+
+    #[test]
+    fn of_a_long_log_both_ends_are_read() {
+        let dir = tempfile::tempdir().unwrap();
+        let log = dir.path().join("log");
+        std::fs::write(&log, "begin, much between, end").unwrap();
+        assert_eq!(ends(&log, 5), "begin\n, end");
+        assert_eq!(ends(&log, 12), "begin, much between, end");
+        assert_eq!(ends(&dir.path().join("none"), 5), "");
     }
 
     #[test]

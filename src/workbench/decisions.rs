@@ -1,0 +1,54 @@
+//! What a hybrid run has decided, as the function object m4gnSurrogate writes it (docs/control.md): `postProcessing/NAME/decisions.jsonl`.
+
+use m4gn_base::{Error, Result, files};
+use serde_json::Value;
+use std::path::Path;
+
+/// A line of the file: an object with `time`, `event` and what belongs to it.
+pub type Decision = Value;
+
+/// The decisions of the function object of this name; none where the case has no such file.
+///
+/// # Errors
+/// [`Error::File`] naming the line that is no decision.
+pub fn read(case: &Path, name: &str) -> Result<Vec<Decision>> {
+    let path = case.join("postProcessing").join(name).join("decisions.jsonl");
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let text = files::read_text(&path).map_err(|e| Error::file(&path, format!("cannot be read: {e}")))?;
+    let lines = text.lines().enumerate().map(|(i, line)| match serde_json::from_str::<Value>(line) {
+        Ok(decision) if decision["time"].is_number() && decision["event"].is_string() => Ok(decision),
+        _ => Err(Error::file(
+            &path,
+            format!("line {}: expected a JSON object with time and event, found {line}", i + 1),
+        )),
+    });
+    lines.collect()
+}
+
+/// The last decision of this kind.
+pub fn last<'a>(decisions: &'a [Decision], event: &str) -> Option<&'a Decision> {
+    decisions.iter().rfind(|d| d["event"] == event)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn lines_are_decisions() {
+        let dir = tempfile::tempdir().unwrap();
+        assert!(read(dir.path(), "test").unwrap().is_empty());
+        let folder = dir.path().join("postProcessing/test");
+        fs::create_dir_all(&folder).unwrap();
+        let put = |text: &str| fs::write(folder.join("decisions.jsonl"), text).unwrap();
+        put("{\"time\":1,\"event\":\"fit\",\"error\":0.5}\n{\"time\":2,\"event\":\"fit\",\"error\":0.1}\n");
+        let found = read(dir.path(), "test").unwrap();
+        assert_eq!(last(&found, "fit").unwrap()["error"], 0.1);
+        assert!(last(&found, "end").is_none());
+        put("{\"time\":1,\"event\":\"fit\"}\n{\"time\":2,");
+        assert!(read(dir.path(), "test").unwrap_err().to_string().contains("line 2: expected"));
+    }
+}
