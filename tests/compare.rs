@@ -101,10 +101,12 @@ fn a_temperature_is_compared_where_both_runs_have_it() {
     assert!(text.contains("hybrid [T]"), "{text}");
 }
 
-/// The pressure on the upper faces of the body goes up and down by `swing`, and the lift with it.
+/// The pressure on the upper faces of the body goes up and down by `swing`, and the lift with it, in ten times.
 fn lifted(case: &Path, swing: f64) {
-    for (time, sign) in [("1", 1.0), ("2", -1.0), ("3", 1.0)] {
-        let upper = 1.0 + sign * swing;
+    for time in 1..=10 {
+        let upper = 1.0 + if time % 2 == 1 { swing } else { -swing };
+        let time = &time.to_string();
+        uniform(case, time, 1.0);
         let calculated = "type calculated; value";
         let boundary = format!(
             "body{{{calculated} nonuniform List<scalar> 4(1 1 {upper} {upper});}} sides{{type empty;}} \
@@ -125,6 +127,52 @@ fn a_lift_of_many_times_the_full_runs_is_said_so() {
     let text = String::from_utf8_lossy(&run.stdout);
     let row = text.lines().find(|l| l.contains("rms lift")).unwrap();
     assert!(row.contains("221 times the full run's") && !row.contains('%'), "{row}");
+}
+
+/// Rows of a time step each, of a drag of 2 and a lift of a period of 0.4 s, which stored times each second cannot tell; B has a row a
+/// stride in a stretch of twice the drag.
+#[test]
+fn the_tables_of_function_objects_are_weighed_by_time() {
+    let (dir, a, b) = two_runs();
+    let json = dir.path().join("c.json").to_str().unwrap().to_string();
+    for (case, step) in [(&a, 0.01), (&b, 0.05)] {
+        let mut table = String::from("# Force coefficients\n# Time \tCd\tCs\tCl\n");
+        let mut time: f64 = 0.0;
+        while time < 3.0 - 1e-9 {
+            time += if time < 2.0 - 1e-9 { 0.01 } else { step };
+            let drag = if time > 2.0 { 4.0 } else { 2.0 };
+            table += &format!("{time}\t{drag}\t0\t{}\n", (std::f64::consts::TAU * time / 0.4).sin());
+        }
+        let functions = "functions { drag { type forceCoeffs; patches (body); } other { type forceCoeffs; patches (inlet); } }";
+        let control = Path::new(case).join("system/controlDict");
+        let text = fs::read_to_string(&control).unwrap() + functions;
+        fs::write(control, text).unwrap();
+        let folder = Path::new(case).join("postProcessing/drag/0");
+        fs::create_dir_all(&folder).unwrap();
+        fs::write(folder.join("coefficient.dat"), table).unwrap();
+    }
+    let run = m4gn(&["compare", &a, &b, "--patch", "body", "--json", &json]);
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let found = figures(&json);
+    assert_eq!(found["table"], "drag");
+    for run in [0, 1] {
+        let number = |key: &str| found[key][run].as_f64().unwrap();
+        assert!((number("mean_drag") - 3.0).abs() < 0.05, "{found}");
+        assert!((number("frequency") - 2.5).abs() < 0.02, "{found}");
+    }
+    assert!(found["drag_error"].as_f64().unwrap() < 0.02, "{found}");
+    let text = String::from_utf8_lossy(&run.stdout);
+    assert!(text.contains("the tables of the function object drag"), "{text}");
+    // Of the stored times alone nothing can be told
+    fs::remove_dir_all(Path::new(&b).join("postProcessing")).unwrap();
+    let run = m4gn(&["compare", &a, &b, "--patch", "body", "--json", &json]);
+    let text = String::from_utf8_lossy(&run.stdout);
+    assert!(text.contains("2 stored times are too few"), "{text}");
+    let found = figures(&json);
+    assert!(
+        found["mean_drag"] == serde_json::json!([null, null]) && found["drag_error"].is_null(),
+        "{found}"
+    );
 }
 
 /// As in `m4gn compare A B | head -1`.

@@ -181,6 +181,31 @@ rust::String m4gn::FoamCase::describe() const
             directions.push_back(d);
         }
     }
+    // Those of a list, without names, have no tables of their own
+    const Foam::dictionary functions(control.subOrEmptyDict("functions"));
+    Foam::DynamicList<const Foam::dictionary*> objects;
+    for (const Foam::entry& e : functions) {
+        if (e.isDict() && e.dict().found("type")) {
+            objects.append(&e.dict());
+        }
+    }
+    const auto object = [&](const Foam::dictionary* dict) {
+        const Foam::word type(dict->lookupOrDefault<Foam::word>("type", Foam::word::null));
+        Foam::labelHashSet patches;
+        std::string density("null");
+        // Other types have entries of these names that are something else
+        if (type == "forceCoeffs" || type == "forces") {
+            patches = mesh.boundaryMesh().patchSet(Foam::wordReList(dict->lookup("patches")));
+            if (dict->lookupOrDefault<Foam::word>("rho", "rho") == "rhoInf") {
+                density = text(dict->lookupOrDefault<Foam::scalar>("rhoInf", 1));
+            }
+        }
+        const auto named = [&](const Foam::label patchi) {
+            return quoted(mesh.boundaryMesh()[patchi].name());
+        };
+        return "{\"name\": " + quoted(dict->dictName()) + ", \"type\": " + quoted(type)
+               + ", \"patches\": " + list(patches.sortedToc(), named) + ", \"density\": " + density + '}';
+    };
     const auto application = control.lookupOrDefault<Foam::word>("application", Foam::word::null);
 
     return rust::String(
@@ -188,6 +213,7 @@ rust::String m4gn::FoamCase::describe() const
         + ", \"delta_t\": " + text(control.lookupOrDefault<Foam::scalar>("deltaT", 0)) + ", \"processors\": "
         + std::to_string(data_->databases.size()) + ", \"start\": " + quoted(data_->start_name())
         + ", \"function_object\": " + Foam::m4gn::json(data_->function_object())
+        + ", \"functions\": " + list(objects, object)
         + ", \"times\": " + list(data_->times, [](const Foam::instant& t) { return text(t.value()); })
         + ", \"cells\": " + std::to_string(mesh.nCells())
         + ", \"directions\": " + list(directions, [](const int d) { return std::to_string(d); })

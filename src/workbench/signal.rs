@@ -52,15 +52,68 @@ pub fn dominant_oscillation(times: &[f64], values: &[f64]) -> Option<Oscillation
     (explained >= MIN_EXPLAINED).then_some(Oscillation { frequency, amplitude, explained })
 }
 
-/// Mean of the values; 0 for none.
-pub fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len().max(1) as f64
+/// Most means over equal intervals that rows are made into.
+const MOST_MEANS: usize = 4096;
+/// Part of the fluctuation that must be left in them.
+const LEFT: f64 = 0.9;
+
+/// As [`dominant_oscillation`], of many rows at times that may be far from equidistant: of their means over equal intervals, as many as
+/// leave what varies. None as well where it varies faster than can be told.
+pub fn oscillation_of_rows(times: &[f64], values: &[f64]) -> Option<Oscillation> {
+    if times.len() <= MOST_MEANS / 16 {
+        return dominant_oscillation(times, values);
+    }
+    let all = fluctuation(times, values);
+    let counts = std::iter::successors(Some(MOST_MEANS / 8), |n| (*n < MOST_MEANS).then_some(2 * n));
+    for count in counts {
+        let (middles, means) = interval_means(times, values, count);
+        if fluctuation(&middles, &means) >= LEFT * all {
+            return dominant_oscillation(&middles, &means);
+        }
+    }
+    None
 }
 
-/// Root mean square of the deviations from the mean.
-pub fn fluctuation(values: &[f64]) -> f64 {
-    let m = mean(values);
-    mean(&values.iter().map(|v| (v - m).powi(2)).collect::<Vec<_>>()).sqrt()
+/// Means over so many equal intervals of the line through the values, and the middles of these.
+fn interval_means(times: &[f64], values: &[f64], count: usize) -> (Vec<f64>, Vec<f64>) {
+    let (first, last) = (times[0], times[times.len() - 1]);
+    let step = (last - first) / count as f64;
+    let (mut i, mut before) = (0, 0.0);
+    // The integral up to a time; times ascend.
+    let mut integral = |t: f64| {
+        while i + 2 < times.len() && times[i + 1] <= t {
+            before += 0.5 * (times[i + 1] - times[i]) * (values[i] + values[i + 1]);
+            i += 1;
+        }
+        let (width, here) = (times[i + 1] - times[i], t - times[i]);
+        let slope = if width > 0.0 { (values[i + 1] - values[i]) / width } else { 0.0 };
+        before + here * (values[i] + 0.5 * slope * here)
+    };
+    let edges: Vec<f64> = (0..=count).map(|k| integral(first + k as f64 * step)).collect();
+    let middles = (0..count).map(|k| first + (k as f64 + 0.5) * step).collect();
+    (middles, edges.windows(2).map(|e| (e[1] - e[0]) / step).collect())
+}
+
+/// Mean over time of the line through the values; of one time its value, 0 for none.
+pub fn mean(times: &[f64], values: &[f64]) -> f64 {
+    let weights = weights(times);
+    let all: f64 = weights.iter().sum();
+    weights.iter().zip(values).map(|(w, v)| w * v).sum::<f64>() / all.max(f64::MIN_POSITIVE)
+}
+
+/// Root mean square over time of the deviations from the mean.
+pub fn fluctuation(times: &[f64], values: &[f64]) -> f64 {
+    let m = mean(times, values);
+    mean(times, &values.iter().map(|v| (v - m).powi(2)).collect::<Vec<_>>()).sqrt()
+}
+
+/// The time that each of these stands for: half of the intervals beside it.
+fn weights(times: &[f64]) -> Vec<f64> {
+    let n = times.len();
+    if n < 2 {
+        return vec![1.0; n];
+    }
+    (0..n).map(|i| 0.5 * (times[(i + 1).min(n - 1)] - times[i.saturating_sub(1)])).collect()
 }
 
 /// The middle value, or the mean of the two in the middle; none of nothing.
@@ -226,6 +279,25 @@ mod tests {
         assert!((found.frequency - 2.0).abs() < 0.002, "{found:?}");
     }
 
+    /// A row a solver step and a row a stride, as a run with jumps has them.
+    #[test]
+    fn rows_weigh_by_their_time() {
+        let mut times = vec![0.0];
+        while times[times.len() - 1] < 100.0 {
+            let solver = times.len() % 60 < 40;
+            times.push(times[times.len() - 1] + if solver { 0.005 } else { 0.25 });
+        }
+        let wave = |t: f64| 2.0 + (std::f64::consts::TAU * 0.163 * t).sin();
+        let values: Vec<f64> = times.iter().map(|&t| wave(t)).collect();
+        assert!(times.len() > MOST_MEANS / 16);
+        let found = oscillation_of_rows(&times, &values).unwrap().frequency;
+        assert!((found / 0.163 - 1.0).abs() < 2e-3, "{found}");
+        assert!((mean(&times, &values) - 2.0).abs() < 0.02);
+        // Two rows stand for as little as the time between them
+        let (middles, means) = interval_means(&[0.0, 1.0, 4.0], &[0.0, 2.0, 2.0], 2);
+        assert_eq!((middles, means), (vec![1.0, 3.0], vec![1.5, 2.0]));
+    }
+
     #[test]
     fn unequal_steps_are_allowed() {
         let times: Vec<f64> = (0..60).map(|i| 0.05 * i as f64 + 0.01 * (i % 3) as f64).collect();
@@ -246,9 +318,10 @@ mod tests {
 
     #[test]
     fn statistics_of_a_known_list() {
-        assert_eq!(mean(&[1.0, 2.0, 6.0]), 3.0);
-        assert!((fluctuation(&[1.0, -1.0, 1.0, -1.0]) - 1.0).abs() < 1e-15);
-        assert_eq!(mean(&[]), 0.0);
+        let times = [0.0, 1.0, 3.0, 4.0];
+        assert_eq!(mean(&times, &[1.0, 2.0, 6.0, 2.0]), (1.5 + 8.0 + 4.0) / 4.0);
+        assert!((fluctuation(&times, &[1.0, -1.0, 1.0, -1.0]) - 1.0).abs() < 1e-15);
+        assert_eq!((mean(&[], &[]), mean(&[1.0], &[5.0])), (0.0, 5.0));
         assert_eq!(median([3.0, 1.0, 2.0]), Some(2.0));
         assert_eq!(median([4.0, 1.0, 2.0, 9.0]), Some(3.0));
         assert_eq!(median([]), None);

@@ -2,12 +2,14 @@
 
 use super::Options;
 use super::report::{Row, both_runs};
-use crate::foam_case::{Description, FoamCase};
-use crate::signal;
+use super::series::{FEWEST, Series, relative};
+use super::tables::{Table, common, over};
+use crate::foam_case::{Description, FoamCase, FunctionObject};
 use m4gn_base::{Error, Result};
 use m4gn_mesh::vector::cross;
 use m4gn_report::{Page, number, percent};
 use serde::Serialize;
+use std::path::Path;
 
 /// What coefficients are made with: `c = F / (rho 1/2 speed^2 area)`.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -140,11 +142,14 @@ pub struct Forces {
     pub lift_a: Vec<f64>,
     /// Lift coefficient of B.
     pub lift_b: Vec<f64>,
-    /// Mean drag coefficients of A and B.
-    pub mean_drag: [f64; 2],
+    /// The function object whose tables of both runs the figures below are of, with its own reference values; none: they are of the
+    /// stored times.
+    pub table: Option<String>,
+    /// Mean drag coefficients of A and B, weighed by time; none: there are too few times.
+    pub mean_drag: [Option<f64>; 2],
     /// Root mean squares of the lift fluctuations of A and B.
-    pub lift_rms: [f64; 2],
-    /// Shedding frequencies of A and B from the lift, 1/s; none where the lift does not oscillate.
+    pub lift_rms: [Option<f64>; 2],
+    /// Shedding frequencies of A and B from the lift, 1/s; none where the lift does not oscillate, or times are too few or too far apart.
     pub frequency: [Option<f64>; 2],
     /// Strouhal numbers of A and B.
     pub strouhal: [Option<f64>; 2],
@@ -158,6 +163,9 @@ pub struct Forces {
 
 /// Beyond this relative error a factor says more.
 const MUCH: f64 = 10.0;
+
+/// Strouhal numbers up to here are told from stored times: those of bluff bodies, in channels too.
+const LEAST_STROUHAL: f64 = 0.4;
 
 /// Lift fluctuations below this part of the mean drag are no oscillation.
 const QUIET: f64 = 1e-4;
@@ -187,39 +195,103 @@ impl Forces {
         self.lift_b.push(lift[1]);
     }
 
-    /// Means, fluctuations and frequencies over the times.
-    pub(super) fn finish(mut self, times: &[f64]) -> Self {
-        let relative = |v: [f64; 2]| (v[0] != 0.0).then(|| (v[1] / v[0] - 1.0).abs());
-        self.mean_drag = [&self.drag_a, &self.drag_b].map(|v| signal::mean(v));
-        self.lift_rms = [&self.lift_a, &self.lift_b].map(|v| signal::fluctuation(v));
+    /// Drag and lift of both runs in the tables of a function object that looks at the patch alone, and its name.
+    fn tabled(&self, cases: [&Description; 2]) -> Option<(String, [[Series; 2]; 2])> {
+        let on_patch = |f: &&FunctionObject| f.patches[..] == [self.patch.clone()];
+        let read = |object: &FunctionObject, file: &str| {
+            let [a, b] = cases.map(|c| Table::read(Path::new(&c.path), &object.name, file));
+            Some([a?, b?])
+        };
+        let of_coefficients = common(cases, &["forceCoeffs"]).filter(on_patch).find_map(|object| {
+            let [a, b] = read(object, "coefficient.dat")?;
+            Some((object.name.clone(), [a.coefficients()?, b.coefficients()?]))
+        });
+        of_coefficients.or_else(|| {
+            common(cases, &["forces"]).filter(on_patch).find_map(|object| {
+                let r = &self.reference;
+                let scale = object.density? * 0.5 * r.speed * r.speed * r.area;
+                let along = |table: &Table, n: [f64; 3]| table.force(n.map(|d| d / scale));
+                let both = |t: &Table| Some([along(t, r.drag_direction)?, along(t, r.lift_direction)?]);
+                let [a, b] = read(object, "force.dat")?;
+                Some((object.name.clone(), [both(&a)?, both(&b)?]))
+            })
+        })
+    }
+
+    /// Means, fluctuations and frequencies from the takeover on, s: of tables where both runs have some, else of the stored times.
+    pub(super) fn finish(mut self, cases: [&Description; 2], takeover: f64, times: &[f64]) -> Self {
+        let time = self.reference.length / self.reference.speed;
+        let of = |values: &[f64]| Series { times: times.to_vec(), values: values.to_vec() };
+        let stored = || [[of(&self.drag_a), of(&self.lift_a)], [of(&self.drag_b), of(&self.lift_b)]];
+        let (table, [a, b]) = match self.tabled(cases) {
+            Some((name, both)) => (Some(name), both),
+            None => (None, stored()),
+        };
+        // A signal that is faster than half of its samples is taken for a slower one
+        let longest = if table.is_some() { f64::INFINITY } else { 0.5 * time / LEAST_STROUHAL };
+        let [drag_a, lift_a] = a;
+        let [drag_b, lift_b] = b;
+        let span = [takeover, f64::INFINITY];
+        let drag = over([drag_a, drag_b], span, longest);
+        let lift = over([lift_a, lift_b], span, longest);
+        self.table = table;
+        self.mean_drag = drag.map(|s| s.mean);
+        self.lift_rms = lift.map(|s| s.rms);
         self.drag_error = relative(self.mean_drag);
-        if self.lift_rms[0] <= QUIET * self.mean_drag[0].abs() {
+        let quiet = |lift: f64, drag: f64| lift <= QUIET * drag.abs();
+        if self.lift_rms[0].zip(self.mean_drag[0]).is_none_or(|(lift, drag)| quiet(lift, drag)) {
             return self;
         }
         self.lift_error = relative(self.lift_rms);
-        let frequency = |lift: &[f64]| signal::dominant_oscillation(times, lift).map(|o| o.frequency);
-        self.frequency = [frequency(&self.lift_a), frequency(&self.lift_b)];
-        let scale = self.reference.length / self.reference.speed;
-        self.strouhal = self.frequency.map(|f| f.map(|f| f * scale));
-        if let [Some(a), Some(b)] = self.strouhal {
-            self.strouhal_error = relative([a, b]);
-        }
+        self.frequency = lift.map(|s| s.frequency);
+        self.strouhal = self.frequency.map(|f| f.map(|f| f * time));
+        self.strouhal_error = relative(self.strouhal);
         self
+    }
+
+    /// Where the figures are from, and why there are none.
+    pub(super) fn notes(&self, times: &[f64]) -> Vec<String> {
+        let mut notes = Vec::new();
+        let time = self.reference.length / self.reference.speed;
+        let longest = times.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
+        match &self.table {
+            Some(name) => notes.push(format!(
+                "drag and lift: the tables of the function object {name} of both runs, weighed by time; coefficients by its own reference values"
+            )),
+            None if times.len() < FEWEST => notes.push(format!(
+                "no mean drag, lift and frequency: {} stored times are too few, expected at least {FEWEST}; a function object forceCoeffs on \
+                 patch {} in both runs tells of all time steps",
+                times.len(),
+                self.patch
+            )),
+            None if longest > 0.5 * time / LEAST_STROUHAL * (1.0 + 1e-6) => notes.push(format!(
+                "no shedding frequency: stored times are up to {} s apart, and what is faster than half of that would be taken for something \
+                 slower; expected at most {} s, or a function object forceCoeffs on patch {} in both runs",
+                number(longest, 3),
+                number(0.5 * time / LEAST_STROUHAL, 3),
+                self.patch
+            )),
+            None => {}
+        }
+        if notes.is_empty() || self.table.is_some() {
+            let missing = self.lift_error.is_some() && self.frequency.contains(&None);
+            notes.extend(missing.then(|| {
+                "no shedding frequency: the lift does not oscillate over at least 1.5 periods in both runs".into()
+            }));
+        }
+        notes
     }
 
     pub(super) fn rows(&self) -> Vec<Row> {
         // A full run whose lift hardly changes makes no scale.
         let lift = match self.lift_error {
-            Some(e) if e > MUCH => {
-                let times = self.lift_rms[1] / self.lift_rms[0];
-                format!("{} times the full run's", number(times, 3))
-            }
+            Some(e) if e > MUCH => format!("{} times the full run's", number(e + 1.0, 3)),
             error => percent(error),
         };
         let row = |name: &str, pair, error| (name.to_string(), pair, error);
         vec![
-            row("mean drag coefficient", self.mean_drag.map(Some), percent(self.drag_error)),
-            row("rms lift coefficient", self.lift_rms.map(Some), lift),
+            row("mean drag coefficient", self.mean_drag, percent(self.drag_error)),
+            row("rms lift coefficient", self.lift_rms, lift),
             row("shedding frequency [1/s]", self.frequency, percent(self.strouhal_error)),
             row("Strouhal number", self.strouhal, percent(self.strouhal_error)),
         ]
@@ -229,7 +301,7 @@ impl Forces {
         let r = &self.reference;
         page.paragraph(&format!(
             "Forces on patch {} from the stored p and U: pressure and viscous part, as OpenFOAM's forces function object. \
-             Coefficients with speed {} m/s, length {} m, area {} m2; frequency from a least-squares sine through the lift.",
+             Coefficients with speed {} m/s, length {} m, area {} m2. Means are weighed by time; frequency from a least-squares sine through the lift.",
             r.patch,
             number(r.speed, 4),
             number(r.length, 4),
@@ -266,8 +338,15 @@ mod tests {
         c.push([[0.4, -0.1, 9.0], [0.2, 0.0, 0.0]]);
         assert!((c.drag_a[0] - 2.0).abs() < 1e-12 && (c.lift_a[0] + 0.5).abs() < 1e-12);
         assert!((c.drag_b[0] - 1.0).abs() < 1e-12);
+        // One instant makes no mean
+        let none = Description::default();
+        let once = c.clone().finish([&none, &none], 0.0, &[1.0]);
+        assert!(once.mean_drag == [None; 2] && once.drag_error.is_none());
+        assert!(once.notes(&[1.0])[0].contains("1 stored times are too few"), "{:?}", once.notes(&[1.0]));
         // A lift that rests makes no scale
-        let c = c.finish(&[1.0]);
+        (1..9).for_each(|_| c.push([[0.4, -0.1, 9.0], [0.2, 0.0, 0.0]]));
+        let times: Vec<f64> = (1..10).map(f64::from).collect();
+        let c = c.finish([&none, &none], 0.0, &times);
         assert!((c.drag_error.unwrap() - 0.5).abs() < 1e-12 && c.lift_error.is_none());
     }
 }

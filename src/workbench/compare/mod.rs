@@ -15,9 +15,13 @@ pub mod motion;
 mod pairing;
 pub mod reaction;
 mod report;
+mod series;
 pub mod surrogate;
+mod tables;
 
 pub use cost::Cost;
+pub use series::Statistics;
+pub use tables::Probe;
 
 use crate::errors::{FieldErrors, Track};
 use crate::foam_case::{Description, FoamCase, Patch};
@@ -77,6 +81,8 @@ pub struct Comparison {
     /// Motion of a solid; none of a flow.
     #[serde(flatten)]
     pub motion: Option<Motion>,
+    /// What the tables of probes of both runs tell from the takeover on.
+    pub probes: Vec<Probe>,
     /// Of a solid: force on the patch that was named; none: none was.
     pub reaction: Option<Reaction>,
     /// What both runs took.
@@ -175,7 +181,8 @@ pub fn compare(
         takeover,
         headline,
         fields: others.iter().map(|(n, t)| (n.to_string(), t.finish())).collect(),
-        forces: forces.map(|f| f.finish(&times)),
+        forces: forces.map(|f| f.finish([a.description(), b.description()], takeover, &times)),
+        probes: tables::probes([a.description(), b.description()], [takeover, f64::INFINITY]),
         motion,
         reaction: reaction.map(reaction::Track::finish),
         cost: Cost::of(a, b, takeover, options),

@@ -1,6 +1,6 @@
 //! The comparison as tables, a page to read and a picture to show.
 
-use super::Comparison;
+use super::{Comparison, tables};
 use crate::errors::FieldErrors;
 use crate::foam_case::Polygons;
 use m4gn_base::Result;
@@ -84,7 +84,7 @@ impl Comparison {
         let forces = self.forces.iter().flat_map(|f| f.rows());
         let motion = self.motion.iter().flat_map(|m| m.rows());
         let reaction = self.reaction.iter().flat_map(|r| r.rows());
-        let rows: Vec<Row> = forces.chain(motion).chain(reaction).collect();
+        let rows: Vec<Row> = forces.chain(motion).chain(reaction).chain(tables::rows(&self.probes)).collect();
         (!rows.is_empty()).then(|| figures(rows))
     }
 
@@ -100,12 +100,7 @@ impl Comparison {
             });
         }
         notes.extend(self.replaced());
-        if self.forces.as_ref().is_some_and(|f| f.frequency.contains(&None)) {
-            notes.push(
-                "no shedding frequency: the lift does not oscillate over at least 1.5 periods in both runs"
-                    .into(),
-            );
-        }
+        notes.extend(self.forces.iter().flat_map(|f| f.notes(&self.times)));
         notes
     }
 

@@ -32,8 +32,22 @@ pub struct Patch {
     pub upper: [f64; 3],
 }
 
+/// A function object of `controlDict`.
+#[derive(Clone, Debug, Default, Deserialize)]
+pub struct FunctionObject {
+    /// Name.
+    pub name: String,
+    /// Its type, such as `forceCoeffs`.
+    #[serde(rename = "type")]
+    pub kind: String,
+    /// Patches of the mesh that a `forceCoeffs` or `forces` looks at; none of others.
+    pub patches: Vec<String>,
+    /// Its `rhoInf`, where the density is that (`rho rhoInf`), kg/m^3.
+    pub density: Option<f64>,
+}
+
 /// What the case holds.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Default, Deserialize)]
 pub struct Description {
     /// Absolute path of its folder.
     pub path: String,
@@ -47,6 +61,8 @@ pub struct Description {
     pub start: String,
     /// Entries of its function object `m4gnSurrogate`, else `m4gnSegments`, else `m4gnRecorder`; none if it has none.
     pub function_object: serde_json::Map<String, serde_json::Value>,
+    /// All of its function objects.
+    pub functions: Vec<FunctionObject>,
     /// Stored times, s, ascending.
     pub times: Vec<f64>,
     /// Number of cells.

@@ -49,14 +49,10 @@ pub struct Score {
     pub cells: usize,
 }
 
-fn relative(v: [f64; 2]) -> Option<f64> {
-    (v[0] != 0.0).then(|| v[1] / v[0] - 1.0)
-}
-
-/// The relative change of a frequency that both runs have.
-fn frequency(pair: [Option<f64>; 2]) -> Option<f64> {
+/// B / A - 1 of what both runs have.
+fn change(pair: [Option<f64>; 2]) -> Option<f64> {
     match pair {
-        [Some(a), Some(b)] => relative([a, b]),
+        [Some(a), Some(b)] if a != 0.0 => Some(b / a - 1.0),
         _ => None,
     }
 }
@@ -93,16 +89,17 @@ impl Score {
         if let Some(forces) = &c.forces {
             let steady = forces.lift_error.is_none();
             let [drag, lift] = [forces.mean_drag, forces.lift_rms];
-            score.drag = relative(drag);
-            score.lift = relative(lift).filter(|_| !steady);
-            score.frequency = frequency(forces.frequency);
-            score.unsteadiness = (steady && drag[1] != 0.0).then(|| lift[1] / drag[1].abs());
+            score.drag = change(drag);
+            score.lift = change(lift).filter(|_| !steady);
+            score.frequency = change(forces.frequency);
+            score.unsteadiness =
+                drag[1].zip(lift[1]).filter(|(drag, _)| steady && *drag != 0.0).map(|(d, l)| l / d.abs());
         }
         if let Some(motion) = &c.motion {
             score.displacement = (errors.rms > 0.0).then(|| rmse[last] / errors.rms);
             score.range = Some(motion.displacement_error_of_range);
             score.cell = Some(motion.point_error_max);
-            score.frequency = frequency(motion.frequency);
+            score.frequency = change(motion.frequency);
         }
         if let Some(reaction) = &c.reaction {
             score.reaction = reaction.error_rms;

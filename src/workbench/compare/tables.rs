@@ -1,0 +1,209 @@
+//! The tables that OpenFOAM's own function objects wrote in a run: `postProcessing/NAME/START/FILE`.
+
+use super::report::Row;
+use super::series::{Series, Statistics, relative};
+use crate::foam_case::{Description, FunctionObject};
+use m4gn_base::files;
+use m4gn_report::percent;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// The rows of all parts of a run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Table {
+    /// Names of the columns, without brackets; the first is the time.
+    columns: Vec<String>,
+    rows: Vec<Vec<f64>>,
+}
+
+impl Table {
+    /// The table of this file of a function object; none: there is none with rows. Of parts that begin before others end, the later counts.
+    pub fn read(case: &Path, object: &str, file: &str) -> Option<Table> {
+        let mut whole = Table::default();
+        for (_, folder) in parts(case, object) {
+            let Ok(text) = files::read_text(folder.join(file)) else { continue };
+            let part = Table::parse(&text);
+            let Some(first) = part.rows.first().map(|row| row[0]) else { continue };
+            if part.columns != whole.columns {
+                whole = Table { columns: part.columns, rows: Vec::new() };
+            }
+            whole.rows.retain(|row| row[0] < first);
+            whole.rows.extend(part.rows);
+        }
+        (!whole.rows.is_empty()).then_some(whole)
+    }
+
+    fn parse(text: &str) -> Table {
+        let words = |line: &str| -> Vec<String> {
+            line.replace(['(', ')'], " ").split_whitespace().map(String::from).collect()
+        };
+        let heads = text.lines().filter_map(|line| line.strip_prefix('#'));
+        let columns = heads.map(words).rfind(|w| w.first().is_some_and(|w| w == "Time")).unwrap_or_default();
+        let rows = text.lines().filter(|line| !line.starts_with('#'));
+        let rows =
+            rows.filter_map(|line| words(line).iter().map(|w| w.parse().ok()).collect::<Option<Vec<f64>>>());
+        let mut rows: Vec<Vec<f64>> = rows.filter(|row| row.len() > 1 && row[0].is_finite()).collect();
+        // The last line of a run that was killed may be cut
+        let width = rows.first().map_or(0, Vec::len);
+        rows.retain(|row| row.len() == width);
+        rows.dedup_by(|b, a| b[0] <= a[0]);
+        Table { columns, rows }
+    }
+
+    /// The values of a column.
+    pub fn column(&self, number: usize) -> Series {
+        let rows = || self.rows.iter().filter(|row| row[number].is_finite());
+        Series { times: rows().map(|row| row[0]).collect(), values: rows().map(|row| row[number]).collect() }
+    }
+
+    /// The column of one of these names.
+    fn place(&self, names: &[&str]) -> Option<usize> {
+        self.columns.iter().position(|c| names.contains(&c.as_str()))
+    }
+
+    /// Drag and lift coefficient, of the function object `forceCoeffs`.
+    pub fn coefficients(&self) -> Option<[Series; 2]> {
+        Some([self.column(self.place(&["Cd"])?), self.column(self.place(&["Cl"])?)])
+    }
+
+    /// The whole force along a direction, of the function object `forces`.
+    pub fn force(&self, along: [f64; 3]) -> Option<Series> {
+        let x = self.place(&["total_x"])?;
+        if self.rows.first()?.len() < x + 3 {
+            return None;
+        }
+        let dot = |row: &Vec<f64>| (0..3).map(|d| row[x + d] * along[d]).sum();
+        Some(Series {
+            times: self.rows.iter().map(|row| row[0]).collect(),
+            values: self.rows.iter().map(dot).collect(),
+        })
+    }
+}
+
+/// Folders of a function object by the time from which it ran, ascending.
+fn parts(case: &Path, object: &str) -> Vec<(f64, PathBuf)> {
+    let entries = std::fs::read_dir(case.join("postProcessing").join(object)).into_iter().flatten().flatten();
+    let mut parts: Vec<(f64, PathBuf)> =
+        entries.filter_map(|e| Some((e.file_name().to_str()?.parse().ok()?, e.path()))).collect();
+    parts.sort_by(|a, b| a.0.total_cmp(&b.0));
+    parts
+}
+
+/// Function objects of these types that both runs have.
+pub(super) fn common<'a>(
+    [a, b]: [&'a Description; 2],
+    kinds: &'a [&str],
+) -> impl Iterator<Item = &'a FunctionObject> {
+    let both = move |f: &&FunctionObject| b.functions.iter().any(|g| g.name == f.name && g.kind == f.kind);
+    a.functions.iter().filter(move |f| kinds.contains(&f.kind.as_str())).filter(both)
+}
+
+/// A component at a probe, in both runs.
+#[derive(Clone, Debug, Serialize)]
+pub struct Probe {
+    /// Name of the function object.
+    pub object: String,
+    /// Name of the field.
+    pub field: String,
+    /// Number of the column of its table, from 1: of a vector three for each probe.
+    pub column: usize,
+    /// Of A and B.
+    pub statistics: [Statistics; 2],
+}
+
+/// All columns of all tables of probes that both runs have, over this time, s.
+pub(super) fn probes(cases: [&Description; 2], [from, to]: [f64; 2]) -> Vec<Probe> {
+    let mut found = Vec::new();
+    for object in common(cases, &["probes", "patchProbes"]) {
+        let paths = cases.map(|c| Path::new(&c.path));
+        let mut fields: Vec<String> = parts(paths[0], &object.name)
+            .iter()
+            .flat_map(|(_, folder)| std::fs::read_dir(folder).into_iter().flatten().flatten())
+            .filter_map(|entry| entry.file_name().into_string().ok())
+            .collect();
+        fields.sort();
+        fields.dedup();
+        for field in fields {
+            let [Some(a), Some(b)] = paths.map(|path| Table::read(path, &object.name, &field)) else {
+                continue;
+            };
+            if a.rows[0].len() != b.rows[0].len() {
+                continue;
+            }
+            for column in 1..a.rows[0].len() {
+                let all = [&a, &b].map(|table| table.column(column));
+                let statistics = over(all, [from, to], f64::INFINITY);
+                found.push(Probe { object: object.name.clone(), field: field.clone(), column, statistics });
+            }
+        }
+    }
+    found
+}
+
+/// What is told of both runs over the time that both have of this one, s.
+pub(super) fn over(both: [Series; 2], [from, to]: [f64; 2], longest: f64) -> [Statistics; 2] {
+    let ends = both.each_ref().map(|s| s.times.last().copied().unwrap_or(to));
+    let to = ends.into_iter().fold(to, f64::min);
+    both.map(|series| series.between(from, to).statistics(longest))
+}
+
+/// Of each field of each function object the column that varies most in A.
+pub(super) fn rows(probes: &[Probe]) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for group in probes.chunk_by(|p, q| (&p.object, &p.field) == (&q.object, &q.field)) {
+        let rms = |p: &&Probe| p.statistics[0].rms.unwrap_or(0.0);
+        let Some(most) = group.iter().max_by(|p, q| rms(p).total_cmp(&rms(q))) else { continue };
+        let of = format!("{} of {}, column {}", most.field, most.object, most.column);
+        let mut row = |what: &str, pair: [Option<f64>; 2]| {
+            rows.push((format!("{what} of {of}"), pair, percent(relative(pair))));
+        };
+        row("mean", most.statistics.map(|s| s.mean));
+        row("rms", most.statistics.map(|s| s.rms));
+        row("frequency [1/s]", most.statistics.map(|s| s.frequency));
+    }
+    rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    fn case(files: &[(&str, &str)]) -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        for (name, text) in files {
+            let path = dir.path().join("postProcessing").join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+        dir
+    }
+
+    #[test]
+    fn parts_of_a_run_are_one_table() {
+        let head = "# Force coefficients\n# Time \tCd\tCs\tCl\n";
+        let dir = case(&[
+            ("drag/0/coefficient.dat", &format!("{head}1\t2\t0\t3\n2\t4\t0\t5\n3\t9\t0\t9\n")),
+            ("drag/2/coefficient.dat", &format!("{head}2.5\t6\t0\t7\n3\t8\t0")),
+        ]);
+        let [drag, lift] =
+            Table::read(dir.path(), "drag", "coefficient.dat").unwrap().coefficients().unwrap();
+        assert_eq!((&drag.times[..], &drag.values[..]), (&[1.0, 2.0, 2.5][..], &[2.0, 4.0, 6.0][..]));
+        assert_eq!(lift.values, [3.0, 5.0, 7.0]);
+        assert_eq!(Table::read(dir.path(), "drag", "other.dat"), None);
+    }
+
+    #[test]
+    fn forces_and_probes_are_vectors() {
+        let dir = case(&[
+            (
+                "f/0/force.dat",
+                "# Force\n# Time (total_x total_y total_z) (pressure_x pressure_y pressure_z)\n1 (1 2 3) (0 0 0)\n",
+            ),
+            ("p/0/U", "# Probe 0 (0 0 0)\n#       Probe 0\n#        Time\n1 (1 2 3)\n2 (4 5 6)\n"),
+        ]);
+        let force = Table::read(dir.path(), "f", "force.dat").unwrap().force([0.0, 1.0, 0.0]).unwrap();
+        assert_eq!((force.times, force.values), (vec![1.0], vec![2.0]));
+        assert_eq!(Table::read(dir.path(), "p", "U").unwrap().column(2).values, [2.0, 5.0]);
+    }
+}
