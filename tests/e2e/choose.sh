@@ -13,14 +13,15 @@ same_bytes ../plain 4/{U,p,phi}
 errors=postProcessing/test/0/surrogateError.dat
 for who in network dmd; do
     awk -v who=$who '!/^#/ && $2 == who && $6 > 0 { ++n } END { exit n < 5 }' $errors || { cat $errors; fail "no rollouts of $who"; }
-    expect_log "mean rms errors of the $who surrogate"
+    decided "means of $who" "of('end', surrogate='$who')[0]['errors']['U']['rollout'] > 0"
 done
 
 # In the solver's place; a drag is held
 beside=$(drag forces)
 held() { echo "mode replace; $both quantities ( { object $1; result $2; tolerance 0.5; } );"; }
 ride "$(held forces Cd)"
-expect_log 'at the end of the jump Cd of forces was off by' ': the dmd surrogate jumps$'
+decided "the drag at the end of a jump" "of('quantities')[0]['quantities'][0]['result'] == 'Cd'"
+decided "who jumps" "of('jump_begun', surrogate='dmd') and of('stride', surrogate='dmd', decision='jumps')"
 [ "$(entry quantities_judged)" -ge 1 ] && [ -n "$(entry worst_forces_Cd)" ] || fail "the summary does not tell of the drag"
 below 0.2 "$(entry replaced_fraction)" "least that is replaced"
 [ "$(entry jumps)" = $(($(entry jumps_network) + $(entry jumps_dmd))) ] || fail "jumps of both are not all jumps"

@@ -386,6 +386,29 @@ drag() {
 # entry NAME [START]: of the summary of a run from this time, else of any.
 entry() { sed -n "s/^ *\"$1\": \([^,]*\).*/\1/p" postProcessing/test/${2:-*}/summary.json; }
 
+# decided WHAT EXPRESSION [NAME]: of what the function object NAME (test) has decided, the expression holds, in Python: of(EVENT, FIELD=VALUE...)
+# is a list of decisions (docs/control.md).
+decided() {
+    python3 - "$2" "postProcessing/${3:-test}/decisions.jsonl" <<'EOD' || fail "$1: not $2"
+import json, sys
+all = [json.loads(line) for line in open(sys.argv[2])]
+def of(event, **fields):
+    return [d for d in all if d["event"] == event and all_are(d, fields)]
+def all_are(d, fields):
+    return not [name for name, value in fields.items() if d.get(name) != value]
+if not eval(sys.argv[1]):
+    sys.exit("\n".join(map(str, all)))
+EOD
+}
+
+# jumped COUNT STRIDES: so many jumps of so many strides; COUNT +: at least one
+jumped() {
+    case $1 in
+        +) decided "jumps of $2 strides" "of('handed_back', strides=$2)" ;;
+        *) decided "$1 jumps of $2 strides" "len(of('handed_back', strides=$2)) == $1" ;;
+    esac
+}
+
 # plain [TIMES...]: the run without function objects but $beside, of which these are kept in ../plain.
 plain() {
     echo "${beside:-}" > system/functions
@@ -396,8 +419,7 @@ plain() {
 
 # replaces LEAST WHAT: at least this share of the run's time was replaced.
 replaces() {
-    grep '^m4gn: \(the dmd\|jumped\)' log.run
-    below "$1" "$(sed -n 's/^m4gn: replacedFraction = \([^ ]*\).*/\1/p' log.run)" "$2: least that is replaced"
+    below "$1" "$(entry replaced_fraction)" "$2: least that is replaced"
 }
 
 # content FILE: what a recording has, wherever it stands.

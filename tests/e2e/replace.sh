@@ -55,4 +55,4 @@ done
 # Time steps that the solver adjusts
 control deltaT '0.0005; adjustTimeStep yes; maxCo 0.8'
 ride "$jump"
-expect_log '^m4gn: jumped 2 steps'
+jumped + 2

@@ -16,7 +16,7 @@ while read -r compact tolerance limit; do
 
     # The solver to 0.1, the surrogate to 0.15, the solver to 0.2, the surrogate to 0.25
     ride "$good"
-    [ "$(grep -c '^m4gn: jumped 2 steps' log.run)" -eq 2 ] || fail "expected two jumps of two steps"
+    jumped 2 2
     [ ! -d 0.13 ] && [ -d 0.15 ] || fail "expected the surrogate's times 0.125 and 0.15, found: $(echo 0.1*)"
     close_to ../full $limit 0.{155,175,2,255}/D
 done <<'EOD'

@@ -12,7 +12,7 @@ case_with() {
     { table before "$1" "$2"; surrogate "$jump"; cat system/functions; table behind "$1" "$2"; } > functions
     mv functions system
     solve
-    expect_log '^m4gn: jumped 2 steps of 0.01 s to time 0.04 '
+    decided "a jump to 0.04" "abs(of('handed_back', strides=2)[0]['time'] - 0.04) < 1e-9"
 }
 # written WHAT TIMES...: fields at these times
 written() {
