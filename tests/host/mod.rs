@@ -63,7 +63,7 @@ pub fn ride_step(index: i64, delta_t: f64) -> RideStep {
         time: delta_t * index as f64,
         delta_t,
         end_time: f64::INFINITY,
-        shown: 0.0,
+        output_time: 0.0,
         index,
         name: null(),
         correctors: -1,
