@@ -278,8 +278,9 @@ fn extrapolation_counts_from_its_second_step() {
     // One step alone has none.
     let pace = Pace { frames: pace.steps, steps: 1, ..pace };
     let scene = Scene::read(&t, &fields, pace).unwrap();
-    let case = Case::of(&t, &scene, &fields, None, Prediction::default()).unwrap();
+    let mut case = Case::of(&t, &scene, &fields, None, Prediction::default()).unwrap();
     assert!(figures(&case, row).iter().all(|f| f.is_nan()));
+    case.predictions.retain(|p| p.key == "extrapolation");
     assert!(json(&[case])["extrapolation"]["rmse_1"].is_null());
 }
 
