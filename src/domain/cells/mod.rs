@@ -162,7 +162,7 @@ mod tests {
             }
             let cells = Cells::new(&mesh, &spec).with_levels(&mesh, &spec);
             let size = 3 * (mesh.cell_volumes.len() + mesh.boundary.len());
-            let state: Vec<f32> = (0..size).map(|i| (1.7 * i as f32).sin() + 3.0).collect();
+            let state: Vec<f32> = (0..size).map(|i| (2.3 * i as f32).sin() + 3.0).collect();
             let weight = |i: usize| (0.3 * i as f64).cos() + 0.5;
             let without = |state: &[f32]| {
                 let mut state = state.to_vec();
