@@ -14,7 +14,7 @@ $own nodeTypes { inlet inlt; } => the type inlt
 mode replace; $small surrogateSteps 2; => solverSteps
 mode replce; $small => mode: expected observe or replace, found replce; is replace meant
 mode accelerate; $small => mode: expected observe or replace, found accelerate
-mode replace; surrogates (dmd); dmd { keep no; file states; } => dmd has no entry file
+mode replace; surrogates (dmd); dmd { keep no; file states; } => dmd.file: unknown entry
 $good model missing.safetensors; => There is no model
 $own nodeTypes { cylinder obstacle; } => obstacle
 $own segments { count 100000; } => 100000
@@ -46,7 +46,7 @@ refused 'Handled: Euler, backward' icoFoam
 ddt_scheme Euler
 
 expect_errors m4gnRecorder <<'EOD'
-field (U p); => field: unknown entry, expected one of path
+field (U p); => field: unknown entry; is fields meant
 split trian; => split: expected one of train, valid, test, found trian; is train meant?
 fields (U T); => Field T is neither
 EOD

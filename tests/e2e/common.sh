@@ -99,6 +99,7 @@ mesh_of_the_cylinder() {
 make_case() {
     cp -r "$M4GN_HOME/openfoam/templates/cylinder-flow" "$1"
     cd "$1"
+    rm family.toml
     sed -i -e 's/@x@/0.31/; s/@y@/0.212/; s/@radius@/0.052/; s/@size@/0.058/; s/@nu@/1e-3/; s/@shape@/0/; s/@elements@/0/' \
         -e 's/@linear@/15.121951/; s/@quadratic@/-36.882808/' mesh.geo 0/U constant/transportProperties
     sed -i 's/@tolerance@/1e-6/; s/@correctors@/1/; s/@convection@/1/' system/fv{Solution,Schemes}

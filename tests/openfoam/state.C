@@ -58,7 +58,7 @@ label find(const m4gnState& state, const word& name, const label place, const la
 TEST(rolesOfAWholeState)
 {
     fixture f;
-    const m4gnState state(*f.mesh, true, false);
+    const m4gnState state(*f.mesh, wordHashSet(), true, false);
     const m4gn_array& U = state.arrays()[find(state, "U", M4GN_CELLS)];
     EXPECT(state.arrays().size() == 8);
     EXPECT(U.role == M4GN_SOLVED && U.components == 3 && U.solved == 2 && U.n == 2);
@@ -78,7 +78,7 @@ TEST(rolesOfANetworksState)
 {
     fixture f;
     const m4gnMeshAdapter nodes(*f.mesh, labelList(6, M4GN_WALL));
-    const m4gnState state(*f.mesh, false, true, &nodes, {"U", "T", "cellSize"}, {"U"});
+    const m4gnState state(*f.mesh, wordHashSet(), false, true, &nodes, {"U", "T", "cellSize"}, {"U"});
     EXPECT_TEXT(state.fields().first(), "T");
     EXPECT(state.arrays()[find(state, "U", M4GN_CELLS)].role == M4GN_SOLVED);
     EXPECT(!state.arrays()[find(state, "U", M4GN_CELLS)].weights);
@@ -92,7 +92,7 @@ TEST(facesThatHoldTheirValues)
 {
     fixture f;
     const m4gnMeshAdapter nodes(*f.mesh, labelList(6, M4GN_WALL));
-    m4gnState state(*f.mesh, false, true, &nodes, {"U"}, {"U"});
+    m4gnState state(*f.mesh, wordHashSet(), false, true, &nodes, {"U"}, {"U"});
     const double* held = state.gather()[find(state, "U", M4GN_BOUNDARY, M4GN_HELD)];
     // One face at the left and at the right, two below and above
     const scalar expected[] = {1, 0, 0, 0, 1, 1};
@@ -104,7 +104,7 @@ TEST(facesThatHoldTheirValues)
 TEST(aStateIsGatheredAndPut)
 {
     fixture f;
-    m4gnState state(*f.mesh, true, false);
+    m4gnState state(*f.mesh, wordHashSet(), true, false);
     const label U = find(state, "U", M4GN_CELLS), ofU = find(state, "U", M4GN_BOUNDARY);
     const label phi = find(state, "phi", M4GN_FACES), ofPhi = find(state, "phi", M4GN_BOUNDARY);
     const std::vector<const double*> now(state.gather());
@@ -149,7 +149,7 @@ TEST(patchesThatCarryValuesComeFirst)
     T.boundaryFieldRef()[0] = 1;
     T.boundaryFieldRef()[2] = 2;
     T.boundaryFieldRef()[3] = 3;
-    m4gnState state(*mesh, true, false);
+    m4gnState state(*mesh, wordHashSet(), true, false);
     const label ofT = find(state, "T", M4GN_BOUNDARY);
     const double* values = state.gather()[ofT];
     EXPECT(state.arrays()[ofT].n == 6);
@@ -162,7 +162,7 @@ TEST(whatANetworkPredictsIsImposed)
 {
     fixture f;
     const m4gnMeshAdapter nodes(*f.mesh, labelList(6, M4GN_WALL));
-    m4gnState state(*f.mesh, false, false, &nodes, {"U", "T"}, {"U"});
+    m4gnState state(*f.mesh, wordHashSet(), false, false, &nodes, {"U", "T"}, {"U"});
     const label U = find(state, "U", M4GN_CELLS);
     for (label i = 0; i < 6; ++i) {
         state.places()[U][i] = i;
@@ -180,7 +180,7 @@ TEST(pointsOfANetworksState)
         IOobject("pointD", run.time().timeName(), *mesh), pointMesh::New(*mesh),
         dimensionedVector("D", dimLength, vector(1, 2, 3)));
     const m4gnPointAdapter nodes(*mesh, labelList(6, M4GN_FREE));
-    m4gnState state(*mesh, false, false, &nodes, {"pointD"}, {"pointD"});
+    m4gnState state(*mesh, wordHashSet(), false, false, &nodes, {"pointD"}, {"pointD"});
     EXPECT(state.arrays()[0].place == M4GN_POINTS && state.arrays()[0].n == 8);
     EXPECT(state.arrays()[1].place == M4GN_BOUNDARY && state.arrays()[1].n == 8);
     EXPECT_NEAR(state.gather()[1][5], 3, 0);
@@ -203,7 +203,7 @@ TEST(whatIsPrescribedIsKnownBeforehand)
     f.T.reset(new volScalarField(
         IOobject("T", f.run.time().timeName(), *f.mesh, IOobject::MUST_READ, IOobject::AUTO_WRITE), *f.mesh));
     const m4gnMeshAdapter nodes(*f.mesh, labelList(6, M4GN_WALL));
-    m4gnState state(*f.mesh, true, false, &nodes, {"obstacle"}, {"p"});
+    m4gnState state(*f.mesh, wordHashSet(), true, false, &nodes, {"obstacle"}, {"p"});
     const label table = find(state, "T at left", M4GN_FACES), ball = find(state, "obstacle", M4GN_CELLS);
     EXPECT(state.arrays()[table].role == M4GN_PRESCRIBED && !state.places()[table]);
     EXPECT_NEAR(state.gather()[table][0], 1, 1e-12);
