@@ -161,8 +161,8 @@ bool Foam::m4gnRelaxation::relax(
 
     // Newmark's scheme, which solvers at points have, damps nothing: fast modes
     // swing on between the two states, whose difference does not know them
-    if (!atPoints_ && lastD_.size()) {
-        const scalar between = now - lastTime_;
+    const scalar between = now - lastTime_;
+    if (!atPoints_ && lastD_.size() && between > 0) {
         rate = (D - lastD_) / between + between * (relaxedAcceleration / 3 + lastAcceleration_ / 6)
                - 0.5 * deltaT * relaxedAcceleration;
     }

@@ -88,7 +88,8 @@ bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
     const auto gather = [&](vectorField& gradients) {
         label facei = 0;
         for (const label patchi : patches) {
-            for (const vector& g : freeGradient(boundary[patchi])()) {
+            const tmp<vectorField> present(freeGradient(boundary[patchi]));
+            for (const vector& g : present()) {
                 gradients[facei++] = g;
             }
         }

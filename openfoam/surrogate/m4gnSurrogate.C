@@ -93,7 +93,7 @@ void Foam::functionObjects::m4gnSurrogate::load()
                                  << "    Expected sources and zones that stay as they are;"
                                  << " use mode observe" << exit(FatalError);
         }
-        conditions_->refuseMemory();
+        refuseMemory();
         jump_.reset(new m4gnJump(name(), mesh_, dict_, *run_, *state_, completions_));
         setProperty(writesFrom, time_.startTime().value());
     }
@@ -109,13 +109,21 @@ void Foam::functionObjects::m4gnSurrogate::follow(const m4gn_ride_answer& answer
                    : answer;
 }
 
+void Foam::functionObjects::m4gnSurrogate::refuseMemory()
+{
+    // A solid's tractions follow from the stress that is made of a network's displacement
+    if (m4gnHybridRun::has(dict_, "dmd") || m4gn::solidModel(mesh_).empty()) {
+        conditions_->refuseMemory();
+    }
+}
+
 void Foam::functionObjects::m4gnSurrogate::jump()
 {
     if (pending_.action != M4GN_RIDE_STRIDE) {
         return;
     }
 
-    conditions_->refuseMemory();
+    refuseMemory();
     jumping_ = true;
     setProperty(solverDeltaT, time_.deltaTValue());
     // A fit hands back old levels of the solver's own step
@@ -314,7 +322,7 @@ bool Foam::functionObjects::m4gnSurrogate::execute()
 
     // A condition with a state of its own shows in two steps
     if (replaces_ && ++steps_ == 2) {
-        conditions_->refuseMemory();
+        refuseMemory();
     }
 
     const m4gn_ride_answer answer = run_->solved();

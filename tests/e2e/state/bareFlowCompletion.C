@@ -22,7 +22,7 @@ public:
     }
 
     bareFlowCompletion(const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-        : m4gnCompletion(mesh, dict, session), share_(dict.getOrDefault<scalar>("share", 1))
+        : m4gnCompletion(mesh, session), share_(dict.getOrDefault<scalar>("share", 1))
     {}
 
     virtual void advance(const m4gnState& predicted, const scalar) { predicted.impose(); }
