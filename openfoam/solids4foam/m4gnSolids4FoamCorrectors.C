@@ -53,7 +53,7 @@ Foam::tmp<Foam::vectorField> Foam::m4gnSolids4FoamLaw::unknowns(const volScalarF
     auto& boundary = u.boundaryFieldRef();
     DynamicList<vector> all(u.primitiveField());
 
-    for (const label patchi : tractions()) {
+    for (const label patchi : tractions(true)) {
         fvPatchVectorField& patch = boundary[patchi];
         const auto* condition = loaded(patch);
         const tmp<vectorField> gradients(freeGradient(patch));
@@ -80,7 +80,7 @@ bool Foam::m4gnSolids4FoamLaw::take(
     for (vector& value : u.primitiveFieldRef()) {
         value = unknowns[i++];
     }
-    for (const label patchi : tractions()) {
+    for (const label patchi : tractions(true)) {
         fvPatchVectorField& patch = boundary[patchi];
         auto* condition = loaded(patch);
 
@@ -99,7 +99,7 @@ bool Foam::m4gnSolids4FoamLaw::take(
     scalar first = 0;
     for (label sweep = 0; sweep < maxSweeps; ++sweep) {
         const volVectorField::Boundary before(boundary);
-        evaluateBoundary();
+        evaluateBoundary(tractions(true));
 
         scalar change = 0;
         forAll(boundary, patchi) {
@@ -150,7 +150,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
     controls.set("tolerance", VSMALL);
     controls.set("relTol", linearTolerance);
 
-    presentGradients();
+    presentGradients(tractions(true));
 
     // The solver prints the residuals of none of its correctors either
     const label debug = SolverPerformance<vector>::debug;
@@ -193,7 +193,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
 
     if (!valid || !converged || !take(now(), impK, sweepTolerance * largest())) {
         u == before;
-        presentGradients();
+        presentGradients(tractions(true));
         stress();
         return -1;
     }

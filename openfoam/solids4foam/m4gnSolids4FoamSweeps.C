@@ -19,14 +19,15 @@ const label depth = 8;
 
 } // End anonymous namespace
 
-Foam::labelList Foam::m4gnSolids4FoamLaw::tractions() const
+Foam::labelList Foam::m4gnSolids4FoamLaw::tractions(const bool mixed) const
 {
     DynamicList<label> found;
     const volVectorField& u = solid_->solutionD();
 
     forAll(u.boundaryField(), patchi) {
         const fvPatchVectorField& patch = u.boundaryField()[patchi];
-        if (isA<fixedGradientFvPatchVectorField>(patch) || isA<directionMixedFvPatchVectorField>(patch)) {
+        if (isA<fixedGradientFvPatchVectorField>(patch)
+            || (mixed && isA<directionMixedFvPatchVectorField>(patch))) {
             found.append(patchi);
         }
     }
@@ -49,11 +50,11 @@ Foam::tmp<Foam::vectorField> Foam::m4gnSolids4FoamLaw::freeGradient(fvPatchVecto
     return transform(I - refCast<directionMixedFvPatchVectorField>(patch).valueFraction(), gradient(patch));
 }
 
-void Foam::m4gnSolids4FoamLaw::presentGradients()
+void Foam::m4gnSolids4FoamLaw::presentGradients(const labelList& patches)
 {
     auto& boundary = solid_->solutionD().boundaryFieldRef();
 
-    for (const label patchi : tractions()) {
+    for (const label patchi : patches) {
         fvPatchVectorField& patch = boundary[patchi];
         if (isA<directionMixedFvPatchVectorField>(patch)) {
             // Of this time: the values that it fixes
@@ -63,11 +64,11 @@ void Foam::m4gnSolids4FoamLaw::presentGradients()
     }
 }
 
-void Foam::m4gnSolids4FoamLaw::evaluateBoundary()
+void Foam::m4gnSolids4FoamLaw::evaluateBoundary(const labelList& patches)
 {
     volVectorField& u = solid_->solutionD();
 
-    for (const label patchi : tractions()) {
+    for (const label patchi : patches) {
         // They count as updated, so that their gradient stays
         u.boundaryFieldRef()[patchi].fvPatchVectorField::updateCoeffs();
     }
@@ -78,7 +79,7 @@ bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
 {
     volVectorField& u = solid_->solutionD();
     auto& boundary = u.boundaryFieldRef();
-    const labelList patches(tractions());
+    const labelList patches(tractions(false));
 
     label n = 0;
     for (const label patchi : patches) {
@@ -107,14 +108,14 @@ bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
     m4gnMixing mixing(depth);
     vectorField now(n), next(n);
 
-    presentGradients();
+    presentGradients(patches);
     gather(now);
 
     scalar change = GREAT;
     for (label sweep = 0; sweep < maxSweeps && change > sweepTolerance * size; ++sweep) {
         scatter(now);
         const volVectorField::Boundary before(boundary);
-        evaluateBoundary();
+        evaluateBoundary(patches);
 
         if (!stress()) {
             return false;
