@@ -52,4 +52,3 @@ refused 'Entry predictor is cubic; expected linear or quadratic' solidDisplaceme
 function_object m4gnPredictor ''
 sed -i 's/nCorrectors 500;//' system/fvSolution
 refused 'nCorrectors of stressAnalysis in fvSolution is 1' solidDisplacementFoam
-echo "accelerate: passed"

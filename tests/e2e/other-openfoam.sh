@@ -32,4 +32,3 @@ runs c++ -std=c++"$M4GN_FOAM_CXXSTD" -fsyntax-only -Wall $(printf -- '-D%s ' $M4
     -I"$M4GN_HOME/cpp/bridge" -I"$M4GN_HOME/openfoam/case" -I"$M4GN_HOME/cpp/include" \
     $(sed 's/^/-isystem /; s/:/ -isystem /g' <<< "$M4GN_FOAM_INCLUDES") bridge.C
 echo "other-openfoam: $(wc -l <<< "$objects") files and the bridge compile with OpenFOAM $(sed -n 's/^api=//p' foam/META-INFO/api-info)"
-echo "other-openfoam: passed"

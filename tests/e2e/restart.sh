@@ -210,4 +210,3 @@ runs $run
 # shellcheck disable=SC2086
 from 1.1 $folders
 ends 'found those of another'
-echo "restart: passed"

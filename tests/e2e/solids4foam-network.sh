@@ -19,4 +19,3 @@ displacement() {
 }
 below "$(displacement off)" 0.03 'vibrating-rubber: error of D over its root mean square'
 below "$(displacement hybrid)" "$(awk "BEGIN { print 1.5*$(displacement off) }")" 'vibrating-rubber: the same beside m4gnAnderson'
-echo "solids4foam-network: passed"

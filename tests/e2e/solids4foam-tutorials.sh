@@ -102,4 +102,3 @@ viscoelasticity/viscoTube 6 1e-4 refused does not hand over the history of the m
 linearElasticity/waveBar 8 refused refused does not know how this solver carries on
 elastoplasticity/cooksMembrane 3 1e-4 refused does not hand over the history of the material
 EOD
-echo "solids4foam-tutorials: passed"

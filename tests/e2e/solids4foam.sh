@@ -442,4 +442,3 @@ refused 'solidProperties with solidModel' solids4Foam
 function_object m4gnSurrogate "location points; mode observe; model any;"
 refused 'location is points, which is for mode replace' solids4Foam
 
-echo "solids4foam: passed"
