@@ -203,7 +203,7 @@ void Foam::functionObjects::m4gnSurrogate::resume()
                 completions_[i].complete(time_.deltaTValue(), true);
             }
         }
-    } else if (!completions_.set(answer.surrogate)) {
+    } else if (answer.stepped && !completions_.set(answer.surrogate)) {
         // What the solver's models have made anew at their start is that of the jump again
         run_->putPresent();
     }

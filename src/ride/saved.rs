@@ -295,8 +295,12 @@ impl Ride<'_> {
             expected: found.expected,
         };
         let jumper = jump.surrogate;
+        self.stepped |= found.begun;
         let answer = self.behind_stride(jump);
-        if let Some(fits) = self.candidates[jumper].surrogate.fits().filter(|fits| fits.has_fit()) {
+        // Where no stride was taken yet the state is the solver's.
+        if let Some(fits) =
+            self.candidates[jumper].surrogate.fits().filter(|fits| found.begun && fits.has_fit())
+        {
             // The state of the jump, where the host's solver has made some of it anew.
             let mut own: Values = state.iter().map(|v| v.to_vec()).collect();
             let mut places: Vec<&mut [f64]> = own.iter_mut().map(Vec::as_mut_slice).collect();
