@@ -8,6 +8,8 @@ export LC_ALL=C
 
 work=$(mktemp -d)
 trap 'status=$?; rm -rf "$work"; [ $status -ne 0 ] || echo "$(basename "$0" .sh): passed"' EXIT
+# One that is ended from outside has not passed, whatever its last command was
+trap 'exit 1' HUP INT TERM
 cd "$work"
 
 # Random weights, stride 0.01 s: enough for the machinery, and nothing has to be trained first
