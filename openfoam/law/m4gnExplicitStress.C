@@ -36,9 +36,9 @@ bool Foam::m4gnExplicitStress::registered(const fvMesh& mesh)
            && mesh.foundObject<IOdictionary>("mechanicalProperties");
 }
 
-bool Foam::m4gnExplicitStress::thermal() const
+bool Foam::m4gnExplicitStress::thermal(const fvMesh& mesh)
 {
-    return mesh_.lookupObject<IOdictionary>("thermalProperties").get<bool>("thermalStress");
+    return mesh.lookupObject<IOdictionary>("thermalProperties").get<bool>("thermalStress");
 }
 
 Foam::tmp<Foam::volSymmTensorField> Foam::m4gnExplicitStress::stress(const volTensorField& gradD) const
@@ -91,20 +91,20 @@ void Foam::m4gnExplicitStress::update(volVectorField& D, const scalar tolerance)
     }
 }
 
-void Foam::m4gnExplicitStress::write() const
+void Foam::m4gnExplicitStress::write(const fvMesh& mesh)
 {
     const auto object = [&](const word& name) {
         // Not registered: the solver registers its own
-        return IOobject(name, mesh_.time().timeName(), mesh_, IOobject::NO_READ, IOobject::NO_WRITE, false);
+        return IOobject(name, mesh.time().timeName(), mesh, IOobject::NO_READ, IOobject::NO_WRITE, false);
     };
-    const volScalarField& rho = mesh_.lookupObject<volScalarField>("rho");
+    const volScalarField& rho = mesh.lookupObject<volScalarField>("rho");
 
-    volSymmTensorField sigma(object("sigma"), rho * mesh_.lookupObject<volSymmTensorField>("sigmaD"));
-    if (thermal()) {
+    volSymmTensorField sigma(object("sigma"), rho * mesh.lookupObject<volSymmTensorField>("sigmaD"));
+    if (thermal(mesh)) {
         sigma = sigma
                 - I
-                      * (rho * mesh_.lookupObject<volScalarField>("threeKalpha")
-                         * mesh_.lookupObject<volScalarField>("T"));
+                      * (rho * mesh.lookupObject<volScalarField>("threeKalpha")
+                         * mesh.lookupObject<volScalarField>("T"));
     }
     sigma.write();
 

@@ -203,7 +203,7 @@ Foam::scalar Foam::m4gnElasticSmoothing::smoothDisplacement(volVectorField& D) c
 {
     volVectorField force(elasticForce(D, "grad(" + D.name() + ')'));
 
-    if (law_.thermal()) {
+    if (m4gnExplicitStress::thermal(mesh_)) {
         force -= fvc::grad(
             mesh_.lookupObject<volScalarField>("threeKalpha") * mesh_.lookupObject<volScalarField>("T"));
     }

@@ -47,7 +47,7 @@ void Foam::m4gnSolidDisplacementCompletion::complete(const scalar deltaT, const 
     m4gnDisplacementCompletion::complete(deltaT, handOver);
 
     if (time_.writeTime()) {
-        stress_.write();
+        m4gnExplicitStress::write(mesh_);
     }
 }
 

@@ -286,7 +286,7 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
                     time_.write();
                     if (m4gnExplicitStress::registered(mesh_)) {
                         // solidDisplacementFoam makes it of sigmaD when it writes
-                        m4gnExplicitStress(mesh_).write();
+                        m4gnExplicitStress::write(mesh_);
                     }
                 }
             });
