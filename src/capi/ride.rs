@@ -174,7 +174,7 @@ unsafe fn step(given: *const RideStep) -> Result<(Step, String)> {
         end_time: given.end_time,
         index: given.index,
         name: name.map_or_else(|| given.time.to_string(), String::from),
-        shown: given.output_time,
+        output_time: given.output_time,
         correctors: correctors.map(|(made, most)| [made, most]),
     };
     let same = format!("time {:?} {:?} {:?} {}", step.time, step.delta_t, step.end_time, step.index);

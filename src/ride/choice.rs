@@ -176,7 +176,7 @@ impl Ride<'_> {
             self.decisions.tell(&self.step, "stride", &decided);
             let [error, estimate] = candidate.expected.map(|v| digits.of(v));
             let mut columns = vec![
-                digits.of(self.step.shown),
+                digits.of(self.step.output_time),
                 candidate.describe().name.clone(),
                 error,
                 estimate,

@@ -23,7 +23,7 @@ impl Decisions {
     /// For a run from this time on; `path`: of the first rank. Of an earlier run into the same file what was decided up to then stays.
     pub fn new(path: Option<PathBuf>, start: &Step) -> Self {
         let mut new = Decisions { path, ..Decisions::default() };
-        let latest = start.shown + 1e-9 * start.shown.abs();
+        let latest = start.output_time + 1e-9 * start.output_time.abs();
         new.keep(|_, line| {
             let time = serde_json::from_str::<Value>(line).ok().and_then(|line| line["time"].as_f64());
             time.is_some_and(|time| time <= latest)
@@ -44,7 +44,8 @@ impl Decisions {
         let rest = fields.to_string();
         let rest = rest.trim_start_matches('{');
         let comma = if rest == "}" { "" } else { "," };
-        let line = format!("{{\"time\":{},\"event\":\"{event}\"{comma}{rest}\n", Value::from(step.shown));
+        let line =
+            format!("{{\"time\":{},\"event\":\"{event}\"{comma}{rest}\n", Value::from(step.output_time));
         let written = match &mut self.file {
             Some(file) => file.write_all(line.as_bytes()),
             None => open(path).and_then(|mut file| {

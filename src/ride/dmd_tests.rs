@@ -90,7 +90,7 @@ fn step(time: f64, index: i64, end: f64) -> Step {
         end_time: end,
         index,
         name: format!("{time:.3}"),
-        shown: time,
+        output_time: time,
         correctors: None,
     }
 }

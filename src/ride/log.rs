@@ -136,7 +136,7 @@ impl Ride<'_> {
         }
         self.totals.rows += 1;
         let mut columns = vec![
-            digits.of(self.step.shown),
+            digits.of(self.step.output_time),
             jump.done.to_string(),
             digits.of(surrogate),
             digits.of(hand_over),

@@ -175,7 +175,7 @@ impl Observer {
         let hold_first = rms(comm, &arrays, firsts.map(|(f, s)| f.iter().zip(s).map(|(f, s)| f - s)));
         let or_not = |error: f64| if error.is_infinite() { NOT_FINITE } else { error };
         self.one_steps += usize::from(!one_step.iter().any(|e| e.error.is_nan()));
-        let mut columns = vec![digits.of(step.shown)];
+        let mut columns = vec![digits.of(step.output_time)];
         columns.extend(self.name.clone());
         columns.push(self.steps.to_string());
         let mut figures = vec![[f64::NAN; 5]; of.n_fields];
@@ -204,7 +204,7 @@ impl Observer {
         if self.write_errors && self.finite {
             if self.in_segments {
                 found.segments =
-                    in_segments(comm, description, layout, &differences, digits.of(step.shown), digits);
+                    in_segments(comm, description, layout, &differences, digits.of(step.output_time), digits);
             }
             self.difference = Some((differences, step.name.clone()));
         }

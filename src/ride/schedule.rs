@@ -14,7 +14,7 @@ pub struct Step {
     /// Name of the time in messages.
     pub name: String,
     /// The time as tables have it.
-    pub shown: f64,
+    pub output_time: f64,
     /// Correctors that the solver took in this step, and its cap; none of a solver that has none.
     pub correctors: Option<[usize; 2]>,
 }
