@@ -84,7 +84,9 @@ fn compare(comm: &Comm, mine: &[usize], all: &[usize], storage: Storage) -> m4gn
             let differences = own.iter().zip(part(&whole, mine)).map(|(a, b)| (a - b).abs());
             worst = differences.fold(worst, f64::max);
         }
-        if jump > 0 && !(here.jump(jump) && alone.jump(jump)) {
+        let end = (to - 1 + jump) as f64;
+        let jumps = |l: &mut OnlineDmd| l.jump(jump as f64, 0.1 * end, 0.1);
+        if jump > 0 && !(jumps(&mut here) && jumps(&mut alone)) {
             return Err(m4gn_base::Error::Numerical("no jump".into()));
         }
     }

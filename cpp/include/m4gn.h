@@ -365,11 +365,14 @@ typedef struct m4gn_ride_step
     const char* name;        /* of the time, in messages; NULL: its value */
     int32_t correctors;      /* that the solver took in this step; -1: it has none */
     int32_t most_correctors; /* its cap of them; -1: it has none */
+    /* Time after which the next state of a jump is wanted, s: a fit's strides are cut there, at a time step of the solver; 0: at the
+     * end of a stride */
+    double within;
 } m4gn_ride_step;
 
 typedef struct m4gn_ride_answer
 {
-    double duration;      /* of ADVANCE: time by which the stride advances, s; of STRIDE: the length of one */
+    double duration;      /* of ADVANCE, STRIDE: time by which the stride, or the part of it, advances, s */
     double delta_t;       /* within a jump the solver's time step, s; else 0 */
     int64_t solver_steps; /* of ADVANCE: time steps of the solver that it stands for */
     int32_t action;       /* M4GN_RIDE_SOLVE ... */

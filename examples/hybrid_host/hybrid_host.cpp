@@ -231,7 +231,7 @@ private:
 
     m4gn_ride_step now() const
     {
-        return {solver_.time, dt, end_, solver_.time, solver_.index, nullptr, -1, -1};
+        return {solver_.time, dt, end_, solver_.time, solver_.index, nullptr, -1, -1, 0};
     }
 
     void save()

@@ -11,6 +11,8 @@ using namespace Foam;
 
 const char* const entryName = "executeOthers";
 
+const char* const intervalName = "othersInterval";
+
 //- Types of function objects that do more than look
 const wordHashSet acting(
     {"age", "electricPotential", "energyTransport", "externalCoupled", "hydrostaticPressure",
@@ -29,10 +31,11 @@ bool isList(const dictionary& dict)
     return first.isPunctuation() || first.isLabel() || first.isCompound();
 }
 
-//- Type of a function object. In the list it may be wrapped in the control of
-//  its times, which says nothing of it.
-word typeOf(const functionObject& object, const Time& time)
+} // End anonymous namespace
+
+Foam::word Foam::m4gnFunctionObjects::typeOf(const functionObject& object, const Time& time)
 {
+    // In the list it may be wrapped in the control of its times, which says nothing of it
     const dictionary functions(time.controlDict().subOrEmptyDict("functions"));
 
     return functions.isDict(object.name())
@@ -40,7 +43,10 @@ word typeOf(const functionObject& object, const Time& time)
                : object.type();
 }
 
-} // End anonymous namespace
+Foam::label Foam::m4gnFunctionObjects::interval(const dictionary& dict)
+{
+    return dict.getOrDefault<label>(intervalName, 1);
+}
 
 void Foam::m4gnFunctionObjects::checkDictionary(const dictionary& dict)
 {
@@ -48,6 +54,10 @@ void Foam::m4gnFunctionObjects::checkDictionary(const dictionary& dict)
         dict.get<wordList>(entryName);
     } else {
         dict.getOrDefault<bool>(entryName, true);
+    }
+    if (interval(dict) < 1) {
+        FatalIOErrorInFunction(dict) << intervalName << ' ' << interval(dict)
+                                     << ": expected at least 1 time step of the solver" << exit(FatalIOError);
     }
 }
 

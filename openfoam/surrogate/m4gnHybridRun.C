@@ -57,6 +57,7 @@ m4gn_ride_step Foam::m4gnHybridRun::now(const label correctors) const
     step.delta_t = time.deltaTValue();
     step.end_time = time.endTime().value();
     step.output_time = time.timeOutputValue();
+    step.within = within_ ? within_() : 0;
     step.index = time.timeIndex();
     step.name = timeName_.c_str();
     step.correctors = correctors;

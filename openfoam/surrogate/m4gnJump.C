@@ -38,17 +38,29 @@ public:
         }
     }
 
-    //- A time that is a multiple of the write interval and less than half a
-    //  time step ahead counts as written, so that the solver's own steps meet
-    //  it. After a step as long as the surrogate's that would be times that
-    //  the solver has yet to come to: count again with the solver's deltaT.
-    static void restore(Time& time, const scalar last)
+    //- Go on by a time (s), where the solver's step is deltaT and times to write
+    //  are counted from `from`. One that is less than half a time step ahead
+    //  counts as come, so that the solver's own steps meet it. Of a step as long
+    //  as the surrogate's that would be times that are yet to come.
+    static void advance(Time& time, const scalar duration, const scalar deltaT, const scalar from)
     {
+        time.setDeltaT(duration, false);
         const auto control = time.*(&clockwork::writeControl_);
 
         if (control == Time::wcRunTime || control == Time::wcAdjustableRunTime) {
             label& index = time.*(&clockwork::writeTimeIndex_);
-            index = min(index, writesPassed(time, last, 0));
+            const label last = index;
+            const label next = writesPassed(time, from, duration + 0.5 * deltaT);
+            scalar& counted = time.*(&clockwork::startTime_);
+            const scalar start = counted;
+
+            counted = from;
+            index = next > last ? last : labelMax;
+            ++time;
+            index = max(last, next);
+            counted = start;
+        } else {
+            ++time;
         }
     }
 
@@ -66,23 +78,57 @@ public:
             const scalar last = from + std::floor(passed + 1e-6) * interval;
 
             if (time.value() - last > 1e-6 * interval) {
-                time.*(&clockwork::writeTimeIndex_) = writesPassed(time, last, 0);
+                time.*(&clockwork::writeTimeIndex_) = writesPassed(time, last, 0.5 * time.deltaTValue());
                 return last;
             }
         }
         return time.startTime().value();
     }
 
-    //- Write times since the last one in so many steps
-    static label writesPassed(const Time& time, const scalar last, const scalar nSteps)
+    //- Write times from `from` to a time that is ahead (s)
+    static label writesPassed(const Time& time, const scalar from, const scalar ahead)
     {
-        const scalar since = time.value() - last + (nSteps + 0.5) * time.deltaTValue();
-        return label(since / (time.*(&clockwork::writeInterval_)));
+        return label((time.value() - from + ahead) / (time.*(&clockwork::writeInterval_)));
     }
 
     static scalar& start(Time& time) { return time.*(&clockwork::startTime_); }
 
     static label& written(Time& time) { return time.*(&clockwork::writeTimeIndex_); }
+
+    //- Steps of this length to the next time to write; labelMax: who knows
+    static label toWrite(const Time& time, const scalar deltaT, const scalar from)
+    {
+        const scalar interval = time.*(&clockwork::writeInterval_);
+
+        switch (time.*(&clockwork::writeControl_)) {
+        case Time::wcTimeStep: {
+            const label each = max(label(1), label(interval));
+            return each - time.timeIndex() % each;
+        }
+        case Time::wcRunTime:
+        case Time::wcAdjustableRunTime: {
+            // Half a step before it counts as come
+            const scalar next = (time.*(&clockwork::writeTimeIndex_) + 1) * interval;
+            const scalar steps = std::ceil((next - (time.value() - from)) / deltaT - 0.5 - 1e-6);
+            return steps < labelMax ? max(label(1), label(steps)) : labelMax;
+        }
+        default:
+            return labelMax;
+        }
+    }
+
+    //- The solver's next step, where one of deltaT would come and steps are
+    //  adjusted to times to write
+    static scalar adjusted(Time& time, const scalar deltaT)
+    {
+        const scalar present = time.deltaTValue();
+        const bool edited = changed(time);
+        time.setDeltaT(deltaT, true);
+        const scalar next = time.deltaTValue();
+        time.setDeltaT(present, false);
+        changed(time) = edited;
+        return next;
+    }
 
     //- The old levels are those of a step of this length: that is what
     //  deltaT0 will be in the next one
@@ -101,18 +147,22 @@ bool atTimes(const timeControl& control)
            || control.control() == timeControl::ocAdjustableRunTime;
 }
 
-//- Execute and write the function object at a time of a stride. One whose
+//- Execute and write the function object at a state of a jump. One whose
 //  control counts times by deltaT is given the solver's, so that times up to
-//  half a stride ahead are not taken for done; one that sees each n-th step
-//  1/n of the stride.
+//  half a stride ahead are not taken for done, and so is one that tells of the
+//  solver's step; one that sees each n-th step has 1/n of the time since the
+//  state before.
 void runAt(functionObject& object, Time& time, const scalar deltaT)
 {
     const scalar stride = time.deltaTValue();
     const auto* controls = isA<functionObjects::timeControl>(object);
 
     scalar seen = stride;
-    if (controls && controls->executeControl().control() == timeControl::ocTimeStep) {
-        seen /= max(scalar(1), controls->executeControl().interval());
+    if (m4gnFunctionObjects::typeOf(object, time) == "CourantNo") {
+        seen = deltaT;
+    } else if (controls && controls->executeControl().control() == timeControl::ocTimeStep) {
+        const scalar each = max(scalar(1), controls->executeControl().interval());
+        seen = max(seen / each, min(seen, deltaT));
     }
 
     time.setDeltaT(controls && atTimes(controls->executeControl()) ? deltaT : seen, false);
@@ -149,12 +199,23 @@ void Foam::m4gnJump::executeOthers(const scalar deltaT) const
     }
 }
 
+Foam::scalar Foam::m4gnJump::within() const
+{
+    // Within a jump Time has its own deltaT
+    const scalar deltaT = last_.solverDeltaT > 0 && jumping_ ? last_.solverDeltaT : time_.deltaTValue();
+    const scalar next = time_.isAdjustTimeStep() ? clockwork::adjusted(time_, deltaT) : deltaT;
+    const label steps =
+        min(others_.size() ? interval_ : labelMax, clockwork::toWrite(time_, next, writesFrom_));
+
+    return steps == labelMax ? 0 : steps * next;
+}
+
 void Foam::m4gnJump::carryOnWriting(const scalar from) { writesFrom_ = clockwork::carryOn(time_, from); }
 
 void Foam::m4gnJump::beforeFirstStep()
 {
     if (writesFrom_ != clockwork::start(time_)
-        && clockwork::writesPassed(time_, writesFrom_, 1) > clockwork::written(time_))
+        && clockwork::writesPassed(time_, writesFrom_, 1.5 * time_.deltaTValue()) > clockwork::written(time_))
     {
         time_.writeOnce();
     }
@@ -165,7 +226,8 @@ void Foam::m4gnJump::afterFirstStep()
     if (writesFrom_ != clockwork::start(time_)) {
         clockwork::start(time_) = writesFrom_;
         clockwork::written(time_) =
-            max(clockwork::written(time_), clockwork::writesPassed(time_, writesFrom_, 0));
+            max(clockwork::written(time_),
+                clockwork::writesPassed(time_, writesFrom_, 0.5 * time_.deltaTValue()));
     }
 }
 
@@ -176,13 +238,15 @@ Foam::m4gnJump::m4gnJump(
     PtrList<m4gnCompletion>& completions)
     : mesh_(mesh), time_(const_cast<Time&>(mesh.time())), run_(run), state_(state), completions_(completions),
       completion_(of(0)), name_(name), others_(m4gnFunctionObjects::chosen(name, mesh.time(), dict)),
-      stale_(mesh), last_({-1, false, 0}), writesFrom_(mesh.time().startTime().value())
+      interval_(m4gnFunctionObjects::interval(dict)), stale_(mesh), jumping_(false), last_({-1, false, 0}),
+      writesFrom_(mesh.time().startTime().value())
 {
     if (mesh_.moving() || mesh_.changing()) {
         FatalErrorInFunction << "mode replace does not handle a mesh that moves or changes"
                              << exit(FatalError);
     }
     run_.checkQuantities(others_);
+    run_.setWithin([this] { return within(); });
 }
 
 void Foam::m4gnJump::advance(const m4gn_ride_answer& answer)
@@ -191,11 +255,7 @@ void Foam::m4gnJump::advance(const m4gn_ride_answer& answer)
         completion_->beforeStride();
     }
     clockwork::count(time_, answer.solver_steps);
-    time_.setDeltaT(answer.duration, false);
-    const scalar start = clockwork::start(time_);
-    clockwork::start(time_) = writesFrom_;
-    ++time_;
-    clockwork::start(time_) = start;
+    clockwork::advance(time_, answer.duration, last_.solverDeltaT, writesFrom_);
     if (completion_) {
         completion_->advance(state_, answer.duration);
     } else if (answer.whole) {
@@ -235,6 +295,7 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
         const m4gnActiveSurrogate::state before(last_);
         completion_ = of(answer.surrogate);
         last_ = {last_.timeIndex, false, deltaT};
+        jumping_ = true;
 
         const auto complete = [&](const bool last) {
             timer.increment();
@@ -309,14 +370,13 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
         told();
     }
 
+    jumping_ = false;
     time_.setDeltaT(deltaT, false);
     clockwork::changed(time_) = changed;
 
     if (answer.action != M4GN_RIDE_HAND_BACK) {
         return false;
     }
-
-    clockwork::restore(time_, writesFrom_);
 
     if (time_.value() > time_.endTime().value() - 0.5 * deltaT) {
         // Stopped from outside (stopAt, a signal): Time ends a run in an

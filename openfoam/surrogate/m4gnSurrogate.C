@@ -220,8 +220,8 @@ void Foam::functionObjects::m4gnSurrogate::resume()
 Foam::functionObjects::m4gnSurrogate::m4gnSurrogate(
     const word& name, const Time& runTime, const dictionary& dict)
     : fvMeshFunctionObject(name, runTime, dict), m4gnActiveSurrogate(name), replaces_(false),
-      timeStart_(-VGREAT), timeEnd_(VGREAT), executed_(runTime.startTimeIndex()), steps_(0), started_(false),
-      pending_()
+      timeStart_(-VGREAT), timeEnd_(VGREAT), executed_(runTime.startTimeIndex()), steps_(0), due_(false),
+      started_(false), pending_()
 {
     read(dict);
 
@@ -270,7 +270,8 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     m4gn::checkStatic(mesh_, dict);
 
     ownKeys_ = m4gnHybridRun::keys();
-    ownKeys_.append(wordList({"phi", "state", "executeOthers", "writeToFile", "useUserTime"}));
+    ownKeys_.append(
+        wordList({"phi", "state", "executeOthers", "othersInterval", "writeToFile", "useUserTime"}));
     ownKeys_.append(m4gnCompletion::keys(dict));
     m4gn::checkDictionaries(dict, {"nodeTypes", "segments", "projection", "control", "dmd"});
     m4gnFunctionObjects::checkDictionary(dict);
@@ -325,6 +326,18 @@ bool Foam::functionObjects::m4gnSurrogate::execute()
         refuseMemory();
     }
 
+    // Those that stand behind it may change the state. At the run's end nothing is called after this.
+    due_ = true;
+    if (time_.value() > time_.endTime().value() - 0.5 * time_.deltaTValue()) {
+        solved();
+    }
+
+    return true;
+}
+
+void Foam::functionObjects::m4gnSurrogate::solved()
+{
+    due_ = false;
     const m4gn_ride_answer answer = run_->solved();
 
     // What a run that is carried on from here begins with
@@ -337,8 +350,6 @@ bool Foam::functionObjects::m4gnSurrogate::execute()
     if (check_) {
         check_->solved();
     }
-
-    return true;
 }
 
 bool Foam::functionObjects::m4gnSurrogate::filesModified() const
@@ -358,6 +369,9 @@ bool Foam::functionObjects::m4gnSurrogate::filesModified() const
     }
 
     // All function objects have seen the solver's step
+    if (due_) {
+        own.solved();
+    }
     if (run_ && time_.timeIndex() != time_.startTimeIndex()) {
         own.run_->reported(*this);
     }

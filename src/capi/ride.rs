@@ -32,6 +32,7 @@ pub struct RideStep {
     pub name: *const c_char,
     pub correctors: i32,
     pub most_correctors: i32,
+    pub within: f64,
 }
 
 /// `m4gn_ride_answer`
@@ -176,8 +177,12 @@ unsafe fn step(given: *const RideStep) -> Result<(Step, String)> {
         name: name.map_or_else(|| given.time.to_string(), String::from),
         output_time: given.output_time,
         correctors: correctors.map(|(made, most)| [made, most]),
+        within: if given.within > 0.0 { given.within } else { 0.0 },
     };
-    let same = format!("time {:?} {:?} {:?} {}", step.time, step.delta_t, step.end_time, step.index);
+    let same = format!(
+        "time {:?} {:?} {:?} {:?} {}",
+        step.time, step.delta_t, step.end_time, step.within, step.index
+    );
     Ok((step, same))
 }
 

@@ -2,7 +2,7 @@
 
 use crate::choose::{FieldError, Fit, FitSettings, choose, spread};
 use crate::dmd::Dmd;
-use crate::sampling::Grid;
+use crate::sampling::{Grid, SAME};
 use crate::snapshots::{Combination, Snapshots, Storage};
 use crate::store::{Store, numbers};
 use m4gn_base::{Error, Result};
@@ -290,25 +290,45 @@ impl OnlineDmd {
         Some(products)
     }
 
-    /// The run goes on from the prediction `strides` after the present one.
-    pub fn jump(&mut self, strides: usize) -> bool {
-        let Some(present) = self.state.present else {
+    /// The run goes on from the prediction `strides` after the present one, which is that of `time`, and the next step is one of `delta_t`.
+    pub fn jump(&mut self, strides: f64, time: f64, delta_t: f64) -> bool {
+        let (Some(present), Some(grid), Some(outlook)) =
+            (self.state.present, self.state.grid, self.outlook())
+        else {
             return false;
         };
-        let first = strides.saturating_sub(self.most_delays() as usize) + 1;
-        let Some(outlook) = self.outlook() else {
-            return false;
-        };
-        for s in first..=strides {
+        let whole = (strides + SAME) as usize;
+        let first = whole.saturating_sub(self.most_delays() as usize) + 1;
+        for s in first..=whole {
             let state = self.later(&outlook, s as f64);
             self.state.predicted.push_back(Predicted { number: present + s as i64, state });
         }
-        let end = present + strides as i64;
+        let end = present + whole as i64;
         let oldest = end - self.most_delays();
         self.state.predicted.retain(|p| p.number > oldest);
         self.state.present = Some(end);
-        self.last = None;
+        // The solver's own steps are interpolated from the state that it goes on from.
+        self.last = is_passed_next(grid, time, delta_t).then(|| {
+            let state = self.later(&outlook, strides);
+            let mut fields: Vec<Vec<f64>> =
+                self.snapshots.fields().iter().map(|f| vec![0.0; f.numbers()]).collect();
+            for (f, values) in fields.iter_mut().enumerate() {
+                self.field(f, &state, values);
+            }
+            (time, fields)
+        });
         true
+    }
+
+    /// States are so far apart from now on (s); those that are kept go.
+    pub fn begin_anew(&mut self, interval: f64, time: f64) {
+        // No number is used twice: files of states know them by it.
+        let number = self.state.grid.map_or(0, |grid| grid.after(time) + 1);
+        self.snapshots.clear();
+        self.settings.interval = interval;
+        let grid = Grid { interval, number, time: (time / interval).floor() * interval };
+        self.state = State { grid: Some(grid), ..State::default() };
+        (self.last, self.held) = (None, Vec::new());
     }
 
     /// How far a prediction is off from the kept state of the present, field by field; `from`: where it began, in strides before.
@@ -373,6 +393,7 @@ impl OnlineDmd {
             return Err(Error::Input("dmd: a state is restored before the first snapshot".into()));
         }
         let Some(&last) = state.kept.last() else {
+            self.settings.interval = state.grid.map_or(self.settings.interval, |grid| grid.interval);
             self.state = state;
             return Ok(Restored::Whole);
         };
@@ -421,6 +442,7 @@ impl OnlineDmd {
             let missing = there.iter().filter(|t| **t == 0).count();
             said = format!("{}: {missing} of {} states are missing", path.display(), there.len());
         }
+        self.settings.interval = state.grid.map_or(self.settings.interval, |grid| grid.interval);
         self.state = match whole {
             true => State { kept: Vec::new(), marks: Vec::new(), ..state },
             false => State { grid: state.grid, present: state.present, file: state.file, ..State::default() },

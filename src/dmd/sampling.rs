@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Of an interval: times that are nearer to each other are the same.
-const SAME: f64 = 1e-6;
+pub(crate) const SAME: f64 = 1e-6;
 
 /// The times of samples: `time + (n - number) interval` of the present stretch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -262,6 +262,12 @@ impl Snapshots {
         found.ok().map(|i| self.entries[i].slot)
     }
 
+    /// Drops all of them.
+    pub(crate) fn clear(&mut self) {
+        self.entries.clear();
+        self.fresh = 0;
+    }
+
     /// Keeps a state; where there is no room, `spare` names the kept one (its place, oldest first) that goes. Collective.
     ///
     /// # Errors

@@ -136,7 +136,7 @@ fn a_jump_and_the_solver_after_it_are_the_history_of_the_next() {
     let mut linear = two(Storage::Double);
     feed(&mut linear, 0..30, |k| waves.at(k));
     linear.fit().unwrap();
-    assert!(linear.jump(20));
+    assert!(linear.jump(20.0, 24.5, 0.5));
     let expected = linear.predict(1.0).unwrap();
     feed(&mut linear, 50..51, |k| waves.at(k));
     let errors = linear.errors(&expected, 1).unwrap();
@@ -149,6 +149,42 @@ fn a_jump_and_the_solver_after_it_are_the_history_of_the_next() {
     assert!(linear.fit().is_none(), "one state after a gap");
     feed(&mut linear, 61..90, |k| waves.at(k));
     assert!(linear.fit().is_some());
+}
+
+#[test]
+fn a_jump_may_end_between_samples_and_the_solver_goes_on_from_there() {
+    let waves = Waves::new(&[(1.0, 0.6), (1.0, 1.3)]);
+    let mut linear = two(Storage::Double);
+    feed(&mut linear, 0..30, |k| waves.at(k));
+    linear.fit().unwrap();
+    // The next sample, at 25 s, lies inside of the solver's first step of 0.02 s.
+    assert!(linear.jump(20.97, 24.985, 0.02));
+    assert!((linear.since(24.985).unwrap() - 0.97).abs() < 1e-9);
+    let expected = linear.predict(1.0).unwrap();
+    let u = waves.at(25.005 / 0.5);
+    assert!(linear.wants(25.005, 0.02));
+    assert_eq!(linear.offer(25.005, 0.02, &[&u, &phi(&u)]).unwrap(), 1);
+    let errors = linear.errors(&expected, 1).unwrap();
+    assert!(relative(&errors) < 1e-3, "{errors:?}");
+    assert!(largest(&predicted(&linear, 10.0)[0], &waves.at(60.0)) < 1e-2);
+}
+
+#[test]
+fn samples_that_are_further_apart_begin_anew() {
+    let waves = Waves::new(&[(1.0, 0.6), (1.0, 1.3)]);
+    let mut linear = two(Storage::Double);
+    feed(&mut linear, 0..30, |k| waves.at(k));
+    linear.fit().unwrap();
+    linear.begin_anew(0.75, 15.1);
+    assert!(linear.fitted().is_none() && linear.predict(1.0).is_none());
+    assert_eq!((linear.snapshots().numbers().count(), linear.settings().interval), (0, 0.75));
+    for k in 31..70 {
+        let u = waves.at(k as f64);
+        linear.offer(k as f64 * 0.5, 0.5, &[&u, &phi(&u)]).unwrap();
+    }
+    // From 15.5 to 34.5 s, no number of which was one before.
+    assert_eq!(linear.stretch(), 26);
+    assert!(linear.snapshots().numbers().all(|n| n > 30));
 }
 
 #[test]
@@ -198,7 +234,7 @@ fn noise_is_seen_in_the_tail() {
 fn what_cannot_be_fitted_is_none() {
     let waves = Waves::new(&[(1.0, 0.6)]);
     let mut linear = two(Storage::Double);
-    assert!(linear.fit().is_none() && linear.predict(1.0).is_none() && !linear.jump(3));
+    assert!(linear.fit().is_none() && linear.predict(1.0).is_none() && !linear.jump(3.0, 1.5, 0.5));
     feed(&mut linear, 0..1, |k| waves.at(k));
     assert!(linear.fit().is_none() && linear.predict(1.0).is_none());
     feed(&mut linear, 1..23, |k| waves.at(k));
@@ -237,7 +273,7 @@ fn the_window_moves_and_the_memory_stays() {
     assert!(largest(&predicted(&linear, 3.0)[0], &waves.at(202.0)) < 1e-6);
     // What a fit is made of stays while it is in use.
     let fitted = linear.fitted().unwrap().numbers.clone();
-    linear.jump(10);
+    linear.jump(10.0, 104.5, 0.5);
     feed(&mut linear, 210..240, |k| waves.at(k));
     let there: Vec<i64> = linear.snapshots().numbers().collect();
     assert!(fitted.iter().all(|n| there.contains(n)));
@@ -309,7 +345,7 @@ fn a_run_that_is_carried_on_has_the_same_bits() {
         linear.save(&path).unwrap();
         feed(&mut linear, 35..60, |k| waves.at(k));
         linear.fit().unwrap();
-        linear.jump(4);
+        linear.jump(4.0, 31.5, 0.5);
         let state = linear.save(&path).unwrap();
         // What is written later is none of this state's.
         feed(&mut linear, 64..70, |k| waves.at(k));

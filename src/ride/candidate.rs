@@ -145,8 +145,17 @@ impl<'a> Candidate<'a> {
         !self.shadow.waiting && self.is_ready(step.time)
     }
 
+    /// Whether the stride beside the solver ends here. That of a fit may with the next snapshot, from which a jump may begin.
     pub fn has_arrived(&self, step: &Step) -> bool {
-        self.shadow.has_arrived(step, self.stride())
+        let (shadow, stride) = (&self.shadow, self.stride());
+        let next = || self.fit_control.is_some() && shadow.waiting && self.is_ready(step.time);
+        shadow.has_arrived(step, stride) || next() && shadow.fraction(step, stride) > 0.5
+    }
+
+    /// Its stride is another from here on: what was measured, and what is under way, says nothing of it.
+    pub fn begin_anew(&mut self) {
+        (self.shadow.waiting, self.fresh) = (false, false);
+        self.observer.iter_mut().for_each(Observer::begin_anew);
     }
 
     /// Takes up the stride at whose end the solver has arrived. Collective.

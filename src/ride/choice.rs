@@ -45,9 +45,10 @@ impl Ride<'_> {
         let Some(turn) = self.turn().filter(|&i| self.candidates[i].can_begin(&self.step)) else {
             return Ok(());
         };
-        let ahead = self.ahead(turn, false)?;
+        let duration = self.candidates[turn].stride();
+        let ahead = self.ahead(turn, false, duration)?;
         let candidate = &mut self.candidates[turn];
-        let start = crate::surrogate::Start { state: &self.present, ahead: ahead.as_ref() };
+        let start = crate::surrogate::Start { state: &self.present, ahead: ahead.as_ref(), duration };
         let bad = candidate.shadow.begin(candidate.surrogate.as_mut(), &self.step, start)?;
         self.stepped = true;
         self.log.not_finite(&self.step.name, bad);
@@ -93,6 +94,7 @@ impl Ride<'_> {
             surrogate: turn,
             strides,
             done: 0,
+            gone: 0.0,
             carried_on: false,
             delta_t: step.delta_t,
             over: false,

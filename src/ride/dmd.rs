@@ -13,21 +13,33 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Time steps of the solver between snapshots where nothing is said.
+/// Time steps of the solver between snapshots where nothing is said: the longest of those that were made of late.
 const STEPS: f64 = 25.0;
+
+/// Steps whose longest is remembered: between once and twice as many.
+const LATE: usize = 500;
+
+/// What rounding makes of a number of strides, s/s.
+fn rounded(strides: f64) -> f64 {
+    // The times of a run that is carried on have other last bits, and what is predicted has not.
+    (strides * 1e9).round() / 1e9
+}
 
 /// What is kept for a run that is carried on, beside the snapshots.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RestartState {
     fit: State,
-    /// Strides of the jump that is going on.
-    ahead: usize,
+    /// Strides of the jump that is going on, whole or not.
+    ahead: f64,
     /// Time from which predictions begin, s, and how long after the present snapshot that is, in strides.
     begin: f64,
     offset: f64,
     /// Whether the next snapshot is the first one after a jump.
     jumped: bool,
+    /// The longest step of the solver among the `LATE` before the last `count` ones, and among these, s.
+    longest: [f64; 2],
+    count: usize,
 }
 
 /// The decomposition in a run.
@@ -41,6 +53,10 @@ pub struct DmdSurrogate {
     rules: FitRules,
     now: RestartState,
     predicted: Option<Combination>,
+    /// Strides that it is ahead of where it was predicted from.
+    taken: f64,
+    /// The last step of the solver, s.
+    delta_t: f64,
     /// Where the rollout beside the solver began, and how long after that snapshot, in strides.
     rollout: Option<(Outlook, f64)>,
 }
@@ -78,7 +94,7 @@ impl DmdSurrogate {
         let description = Description {
             name: "dmd".into(),
             source: "dmd, fitted to the run's own states".into(),
-            digest: format!("{:08x}", crc32fast::hash(format!("{identity:?} {interval}").as_bytes())),
+            digest: format!("{:08x}", crc32fast::hash(format!("{identity:?}").as_bytes())),
             stride: interval,
             growth: vec![Growth::None; advances.len()],
             advances,
@@ -94,8 +110,14 @@ impl DmdSurrogate {
             online,
             rules: settings.rules(),
             settings,
-            now: RestartState { begin: of.start.time, ..RestartState::default() },
+            now: RestartState {
+                begin: of.start.time,
+                longest: [0.0, of.start.delta_t],
+                ..RestartState::default()
+            },
             predicted: None,
+            taken: 0.0,
+            delta_t: of.start.delta_t,
             rollout: None,
         })
     }
@@ -105,6 +127,19 @@ impl DmdSurrogate {
         let mut name = self.settings.file.clone()?.into_os_string();
         name.push(format!(".{}", self.online.snapshots().comm().rank()));
         Some(name.into())
+    }
+
+    /// The time between snapshots where a step of the solver (s) asks for another one: that of the settings, doubled as often as it takes to be
+    /// as long as the step; else so many steps, where it is off from that by more than a factor of two.
+    fn other_interval(&self, delta_t: f64) -> Option<f64> {
+        let longest = self.now.longest.iter().copied().fold(delta_t, f64::max);
+        let (interval, steps) = (self.description.stride, STEPS * longest);
+        let other = match self.settings.snapshot_interval {
+            Some(given) => given * (longest / given * (1.0 - 1e-6)).log2().ceil().max(0.0).exp2(),
+            None if steps > 2.0 * interval || steps < 0.5 * interval => steps,
+            None => interval,
+        };
+        (other != interval).then_some(other)
     }
 
     /// The place of an array of the layout among those that a fit knows.
@@ -178,15 +213,15 @@ impl Surrogate for DmdSurrogate {
     }
 
     fn predict(&mut self, start: Start, next: &mut Values) -> Result<()> {
-        let strides = self.now.offset + (self.now.ahead + 1) as f64;
-        let prediction = self.online.predict(strides);
+        let taken = start.duration / self.description.stride;
+        let prediction = self.online.predict(rounded(self.now.offset + self.now.ahead + taken));
         let prediction =
             prediction.ok_or_else(|| Error::Numerical("dmd has no fit to predict with".into()))?;
         if let Some(ahead) = start.ahead {
             self.check_prescribed(&prediction, ahead)?;
         }
         self.put(&prediction, next)?;
-        self.predicted = Some(prediction);
+        (self.predicted, self.taken) = (Some(prediction), taken);
         Ok(())
     }
 
@@ -201,17 +236,18 @@ impl Surrogate for DmdSurrogate {
     }
 
     fn advanced(&mut self) {
-        self.now.ahead += 1;
+        self.now.ahead += self.taken;
     }
 
     fn handed_back(&mut self, time: f64, own: bool) -> f64 {
         let strides = (time - self.now.begin) / self.description.stride;
         self.now.begin = time;
-        let ahead = std::mem::take(&mut self.now.ahead);
+        let ahead = rounded(self.now.offset + std::mem::take(&mut self.now.ahead));
         // What another surrogate has made is no state of the solver.
-        if !(own && self.online.jump(ahead)) {
+        if !(own && self.online.jump(ahead, time, self.delta_t)) {
             self.online.break_off();
         }
+        self.now.offset = self.online.since(time).unwrap_or(0.0).max(0.0);
         self.now.jumped = true;
         strides
     }
@@ -245,7 +281,9 @@ impl Surrogate for DmdSurrogate {
         }
         match self.online.restore(&file, kept.fit)? {
             Restored::Whole => {
+                self.description.stride = self.online.settings().interval;
                 self.now = RestartState { fit: State::default(), ..kept };
+                self.delta_t = at.step.delta_t;
                 if at.solves {
                     let arrays: Vec<&[f64]> = self.places.iter().map(|&i| at.state[i]).collect();
                     self.online.stand(at.step.time, at.step.delta_t, &arrays);
@@ -269,22 +307,40 @@ impl Fits for DmdSurrogate {
     }
 
     fn wants(&self, step: &Step) -> bool {
-        self.online.wants(step.time, step.delta_t)
+        self.other_interval(step.delta_t).is_some() || self.online.wants(step.time, step.delta_t)
+    }
+
+    fn stepped(&mut self, step: &Step) {
+        self.delta_t = step.delta_t;
+        if self.now.count == LATE {
+            (self.now.longest, self.now.count) = ([self.now.longest[1], 0.0], 0);
+        }
+        self.now.longest[1] = self.now.longest[1].max(step.delta_t);
+        self.now.count += 1;
     }
 
     fn observe(&mut self, step: &Step, state: &[&[f64]]) -> Result<Seen> {
-        let trial = self.online.predict(1.0);
+        let interval = self.other_interval(step.delta_t);
+        if let Some(interval) = interval {
+            self.online.begin_anew(interval, step.time);
+            self.description.stride = interval;
+            (self.now.ahead, self.now.offset, self.now.jumped) = (0.0, 0.0, false);
+            self.rollout = None;
+        }
+        let outlook = self.online.outlook();
         let arrays: Vec<&[f64]> = self.places.iter().map(|&i| state[i]).collect();
         let snapshots = self.online.offer(step.time, step.delta_t, &arrays)?;
         if snapshots == 0 {
-            return Ok(Seen::default());
+            return Ok(Seen { interval, ..Seen::default() });
         }
         self.now.begin = step.time;
         self.now.offset = self.online.since(step.time).unwrap_or(0.0).max(0.0);
         let jumped = std::mem::take(&mut self.now.jumped);
-        let error = trial
-            .map(|trial| (self.online.errors(&trial, 1).map_or(f64::INFINITY, |e| relative(&e)), jumped));
-        Ok(Seen { snapshots, contiguous: self.online.stretch(), error })
+        let error = outlook.map(|outlook| {
+            let trial = self.online.later(&outlook, snapshots as f64);
+            (self.online.errors(&trial, snapshots).map_or(f64::INFINITY, |e| relative(&e)), jumped)
+        });
+        Ok(Seen { interval, snapshots, contiguous: self.online.stretch(), error })
     }
 
     fn fit(&mut self) -> Option<FitReport> {
@@ -337,8 +393,8 @@ impl Fits for DmdSurrogate {
                 "dmd: an old level {before} s before the present: expected 0 s or more"
             )));
         }
-        let present = self.now.offset + self.now.ahead as f64;
-        let state = self.online.predict(present - before / self.description.stride);
+        let present = self.now.offset + self.now.ahead;
+        let state = self.online.predict(rounded(present - before / self.description.stride));
         let state = state.ok_or_else(|| Error::Input("dmd: nothing was predicted".into()))?;
         for (f, &array) in self.places.iter().enumerate() {
             if self.layout.arrays()[array].role != Role::Prescribed {

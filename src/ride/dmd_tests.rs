@@ -51,6 +51,11 @@ struct Host {
     /// Of strides, and of an observer's errors.
     tables: [String; 2],
     clock: Rc<Cell<f64>>,
+    /// The step of the solver behind a time, and how many of them come between two states of a jump; 0: strides are whole.
+    delta_t: fn(f64) -> f64,
+    looks: f64,
+    /// Largest error of a state of a jump.
+    worst: f64,
 }
 
 /// A network's place: the solver a stride later, but for a hundredth.
@@ -92,6 +97,7 @@ fn step(time: f64, index: i64, end: f64) -> Step {
         name: format!("{time:.3}"),
         output_time: time,
         correctors: None,
+        within: 0.0,
     }
 }
 
@@ -115,11 +121,30 @@ impl Host {
         let ride = Ride::new(Comm::serial(), guest, settings, begin).unwrap();
         let phi = flux(&u);
         let (jumps, log, tables) = (Vec::new(), String::new(), Default::default());
-        Host { ride, time: start, index, end, u, phi, jumps, by: Vec::new(), solved: 0, log, tables, clock }
+        let (delta_t, looks, worst): (fn(f64) -> f64, _, _) = (|_| DELTA_T, 0.0, 0.0);
+        let (by, solved) = (Vec::new(), 0);
+        Host {
+            ride,
+            time: start,
+            index,
+            end,
+            u,
+            phi,
+            jumps,
+            by,
+            solved,
+            log,
+            tables,
+            clock,
+            delta_t,
+            looks,
+            worst,
+        }
     }
 
     fn now(&self) -> Step {
-        step(self.time, self.index, self.end)
+        let delta_t = (self.delta_t)(self.time);
+        Step { delta_t, within: self.looks * delta_t, ..step(self.time, self.index, self.end) }
     }
 
     /// A call that is given the present state.
@@ -132,7 +157,7 @@ impl Host {
     fn run(&mut self, broken: f64, stop: impl Fn(&Self) -> bool) {
         while self.time < self.end - 0.5 * DELTA_T {
             self.index += 1;
-            self.time += DELTA_T;
+            self.time += (self.delta_t)(self.time);
             // The solver goes on from where it is: its waves have no memory but the time.
             self.u = solver(self.time, broken);
             self.phi = flux(&self.u);
@@ -173,6 +198,7 @@ impl Host {
             assert!(answer.whole || phi == self.phi, "a network makes what it advances");
             (self.u, self.phi) = (u, phi);
             (self.time, self.index) = (self.time + answer.duration, self.index + answer.solver_steps);
+            self.worst = self.worst.max(largest(&self.u, &solver(self.time, 1e9)));
             strides += 1;
             let now = self.now();
             let answer = self.with(|ride, state| ride.advanced(now, answer.state.then_some(state))).unwrap();
@@ -211,6 +237,94 @@ fn jumps_grow_while_the_fit_holds_and_end_states_are_exact() {
     assert!(largest(&host.u, &solver(host.time, 1e9)) < 1e-5);
     for words in ["keeps up to 40 states 0.2 s apart: ", "it is used", "the next jump may have 20 strides"] {
         assert!(host.log.contains(words), "{words}: {}", host.log);
+    }
+}
+
+/// The solver makes steps of a length that no stride is a multiple of, and each of them is looked at.
+#[test]
+fn a_jump_has_the_states_of_the_solvers_own_steps() {
+    let mut host = Host::new(SETTINGS, 0.0, 0, 60.0, solver(0.0, 1e9));
+    (host.delta_t, host.looks) = (|_| 0.03, 1.0);
+    host.run(1e9, |_| false);
+    let steps: Vec<usize> = host.jumps.iter().map(|j| j.0).collect();
+    // Strides of 0.2 s: jumps of 5, 10, 20, 40 of them are 1, 2, 4, 8 s.
+    for (steps, seconds) in steps.iter().zip([1.0, 2.0, 4.0, 8.0]) {
+        let gone = *steps as f64 * 0.03;
+        assert!(gone >= seconds - 0.031 && gone < seconds + 0.03, "{steps} {seconds}\n{}", host.log);
+    }
+    let ends = host.jumps.iter().map(|j| j.1 / 0.03);
+    ends.for_each(|end| assert!((end - end.round()).abs() < 1e-6, "{end}"));
+    assert!(host.worst < 1e-2, "{}", host.worst);
+    // The name of the table is that of strides.
+    assert!(host.log.contains("jumped 5 steps of 0.2 s"), "{}", host.log);
+    let steps: usize = steps.iter().sum();
+    assert_eq!(host.index as usize, steps + host.solved);
+    let replaced = host.ride.end().lines().find(|l| l.contains("\"replaced_time\"")).map(String::from);
+    let replaced: f64 = replaced.unwrap().split([':', ',']).nth(1).unwrap().trim().parse().unwrap();
+    assert!((replaced - steps as f64 * 0.03).abs() < 1e-3, "{replaced}");
+}
+
+/// A cautious first step that grows: states are so many of the present steps apart, and none lies inside of a step.
+#[test]
+fn the_stride_follows_the_step() {
+    let settings = r#"{"mode": "replace", "surrogates": ["dmd"], "dmd": {"initialJump": 5, "window": 24}}"#;
+    let ramp: fn(f64) -> f64 = |time| (0.2 * time + 1e-8).min(0.01);
+    let mut host = Host::new(settings, 0.0, 0, 40.0, solver(0.0, 1e9));
+    let begin = Step { delta_t: 1e-8, ..host.now() };
+    let guest = Guest {
+        layout: layout(),
+        network: None,
+        ahead: None,
+        global: (0..CELLS as i64).collect(),
+        owners: Vec::new(),
+    };
+    host.ride = Ride::new(Comm::serial(), guest, RideSettings::parse(settings).unwrap(), begin).unwrap();
+    host.delta_t = ramp;
+    host.run(1e9, |_| false);
+    assert!(host.log.contains("s: states are kept 1.2"), "{}", host.log);
+    let fits = host.log.matches(": fit of").count();
+    assert!(fits < 30 && !host.log.contains("off by 1.") && !host.log.contains("off by 2."), "{}", host.log);
+    assert!(!host.jumps.is_empty() && host.worst < 1e-3, "{} {:?}\n{}", host.worst, host.jumps, host.log);
+    // And back, once the long steps are long gone.
+    let stride = host.ride.candidates[0].stride();
+    assert!((0.125..=0.25).contains(&stride), "{stride}");
+    (host.delta_t, host.end) = (|_| 0.001, 400.0);
+    host.run(1e9, |_| false);
+    let stride = host.ride.candidates[0].stride();
+    assert!((0.0125..=0.05).contains(&stride), "{stride}");
+}
+
+/// An interval that is shorter than the steps is doubled until it is not.
+#[test]
+fn states_are_no_nearer_than_steps() {
+    let settings = SETTINGS.replace("\"snapshotInterval\": 0.2", "\"snapshotInterval\": 0.05");
+    let mut host = Host::new(&settings, 0.0, 0, 30.0, solver(0.0, 1e9));
+    host.delta_t = |time| if time < 3.0 { 0.05 } else { 0.12 };
+    host.run(1e9, |_| false);
+    assert!(
+        host.log.contains("the solver's step is 1.200e-1 s: states are kept 2.000e-1 s apart"),
+        "{}",
+        host.log
+    );
+    assert!(!host.jumps.is_empty(), "{}", host.log);
+}
+
+#[test]
+fn a_run_without_a_jump_says_why() {
+    for (settings, end, broken, words) in [
+        (
+            SETTINGS,
+            3.0,
+            1e9,
+            "no fit: it takes 24 states 2.000e-1 s apart without a gap (minSnapshots), and at the end there were 15; a first",
+        ),
+        (SETTINGS, 12.0, f64::NAN, "fits, the best off by "),
+    ] {
+        let mut host = Host::new(settings, 0.0, 0, end, solver(0.0, broken));
+        host.run(broken, |_| false);
+        host.ride.end();
+        host.listen();
+        assert!(host.jumps.is_empty() && host.log.contains(words), "{words}: {}", host.log);
     }
 }
 

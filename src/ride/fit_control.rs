@@ -99,6 +99,14 @@ impl FitControl {
     ) -> Result<String> {
         let seen = fits.observe(step, state)?;
         let mut said = String::new();
+        if let Some(interval) = seen.interval {
+            (self.tried, self.length) = (0, fits.rules().initial_jump as f64);
+            self.errors.clear();
+            said = format!(
+                "m4gn: time {}: the solver's step is {:.3e} s: states are kept {interval:.3e} s apart from here on\n\n",
+                step.name, step.delta_t
+            );
+        }
         if seen.snapshots == 0 {
             return Ok(said);
         }

@@ -1,7 +1,7 @@
 //! A jump: strides of a surrogate, from the decision to the hand-back.
 
 use crate::ride::{Action, Answer, Phase, Ride};
-use crate::schedule::{Step, steps_of};
+use crate::schedule::{Step, duration, steps_of};
 use crate::shadow::{advanced, predict};
 use crate::surrogate::Start;
 use crate::values::rms;
@@ -14,7 +14,9 @@ use serde_json::json;
 pub(crate) struct Jump {
     pub surrogate: usize,
     pub strides: usize,
+    /// Strides that have been taken, and the time that they and a part of the next one took, s.
     pub done: usize,
+    pub gone: f64,
     /// Whether these strides are the rest of a jump in which an earlier run was.
     pub carried_on: bool,
     /// The solver's time step, s.
@@ -31,10 +33,38 @@ pub(crate) struct Jump {
     pub expected: Option<[f64; 2]>,
 }
 
+impl Jump {
+    /// A stride is taken where no more than this part of it is left.
+    const NEAR: f64 = 1e-6;
+
+    /// Whether nothing of it has been taken.
+    pub fn is_new(&self) -> bool {
+        self.gone == 0.0 && !self.carried_on
+    }
+
+    /// It has gone on by a time, s. Gives the strides that this completes.
+    fn goes_on(&mut self, duration: f64, stride: f64) -> usize {
+        self.gone += duration;
+        let before = self.done;
+        self.done = (self.gone / stride + Self::NEAR) as usize;
+        self.done - before
+    }
+
+    /// Time that has gone of the present stride, s.
+    pub fn part(&self, stride: f64) -> f64 {
+        (self.gone - self.done as f64 * stride).max(0.0)
+    }
+
+    /// Time that is left of the present stride, s.
+    fn rest(&self, stride: f64) -> f64 {
+        (self.done + 1) as f64 * stride - self.gone
+    }
+}
+
 impl Ride<'_> {
-    /// A stride of the jump, from the present state. `next`: where the arrays of the predicted state go; those that the surrogate does not
-    /// make stay. The answer is [`Action::Advance`], or what follows where the stride must not be used: `next` is then as it was.
-    /// Collective; all ranks fail together.
+    /// A stride of the jump, from the present state; of a fit up to the time at which the next state is wanted. `next`: where the arrays of
+    /// the predicted state go; those that the surrogate does not make stay. The answer is [`Action::Advance`], or what follows where the
+    /// stride must not be used: `next` is then as it was. Collective; all ranks fail together.
     ///
     /// # Errors
     /// [`Error::Input`] for places that do not fit.
@@ -42,10 +72,11 @@ impl Ride<'_> {
         let Phase::Jumping(mut jump) = self.phase.clone() else {
             return Err(self.out_of_turn("stride"));
         };
-        let ahead = self.ahead(jump.surrogate, true)?;
+        let duration = self.duration(&jump);
+        let ahead = self.ahead(jump.surrogate, true, duration)?;
         let candidate = &mut self.candidates[jump.surrogate];
         let stride = candidate.stride();
-        if !self.schedule.fits(&self.step, jump.delta_t, stride, 1.0) {
+        if !self.schedule.fits(&self.step, jump.delta_t, duration, 1.0) {
             return self.end_early(jump, "end");
         }
         let arrays = self.layout.arrays();
@@ -61,7 +92,7 @@ impl Ride<'_> {
         self.comm.agree(checked)?;
         let old = advanced(candidate.surrogate.as_ref(), &self.present);
         let mut predicted = old.clone();
-        let start = Start { state: &self.present, ahead: ahead.as_ref() };
+        let start = Start { state: &self.present, ahead: ahead.as_ref(), duration };
         let bad = predict(candidate.surrogate.as_mut(), start, &mut predicted)?;
         let why = if bad.is_none() { "not_accepted" } else { "not_finite" };
         self.stepped |= bad.is_none();
@@ -71,7 +102,15 @@ impl Ride<'_> {
         if let Some(control) = candidate.control.as_ref().filter(|_| jump.cut.is_none()) {
             let pairs = predicted.iter().zip(&old);
             let changes = pairs.map(|(new, old)| new.iter().zip(old).map(|(a, b)| a - b));
-            jump.cut = control.refuses(&rms(&self.comm, &self.layout.pick(&advances), changes))?;
+            let picked = self.layout.pick(&advances);
+            let mut changes = rms(&self.comm, &picked, changes);
+            for (array, change) in picked.iter().zip(&mut changes) {
+                // A fit carries along what follows, with the noise of the tolerance that the solver has for it
+                if candidate.fit_control.is_some() && array.role == Role::Follows {
+                    *change = 0.0;
+                }
+            }
+            jump.cut = control.refuses(&changes)?;
         }
         if jump.cut.is_some() {
             self.totals.ended_early += 1;
@@ -82,16 +121,24 @@ impl Ride<'_> {
             self.present[array] = values;
         }
         candidate.surrogate.carry(next);
-        if jump.done == 0 && !jump.carried_on {
+        if jump.is_new() {
             self.totals.begin_jump(jump.surrogate, self.candidates.len(), self.step.time);
         }
-        jump.done += 1;
-        self.totals.steps += 1;
-        self.totals.replaced += stride;
-        self.totals.by[jump.surrogate].1 += stride;
-        let solver_steps = steps_of(stride, jump.delta_t);
+        self.totals.steps += jump.goes_on(duration, stride);
+        self.totals.replaced += duration;
+        self.totals.by[jump.surrogate].1 += duration;
+        let solver_steps = steps_of(duration, jump.delta_t);
         self.phase = Phase::Advancing(jump);
-        Ok(Answer { duration: stride, solver_steps, ..self.answer(Action::Advance) })
+        Ok(Answer { duration, solver_steps, ..self.answer(Action::Advance) })
+    }
+
+    /// Time to the next state of a jump, s.
+    pub(crate) fn duration(&self, jump: &Jump) -> f64 {
+        let candidate = &self.candidates[jump.surrogate];
+        match candidate.fit_control {
+            Some(_) => duration(self.step.within, jump.rest(candidate.stride()), jump.delta_t),
+            None => candidate.stride(),
+        }
     }
 
     /// Tells that a jump has had its last stride, and why.
@@ -104,10 +151,10 @@ impl Ride<'_> {
     /// A jump ends before its last stride, or does not begin. Collective.
     fn end_early(&mut self, jump: Jump, why: &str) -> Result<Answer> {
         self.tell_ended(&jump, why);
-        if jump.done == 0 && !jump.carried_on {
+        if jump.is_new() {
             self.phase = Phase::Solving;
             if let Some(cut) = &jump.cut {
-                let who = &self.candidates[jump.surrogate].describe().name;
+                let who = self.who(jump.surrogate);
                 self.log.text += &format!("m4gn: no jump at time {}: {who}: {cut}\n\n", self.step.name);
             }
             if self.is_controlled() {
@@ -135,9 +182,9 @@ impl Ride<'_> {
         self.step = Step { delta_t: jump.delta_t, ..step };
         let surrogate = &mut self.candidates[jump.surrogate].surrogate;
         surrogate.advanced();
-        let stride = surrogate.describe().stride;
-        let fits = |strides: f64| self.schedule.fits(&self.step, jump.delta_t, stride, strides);
-        jump.over = jump.done == jump.strides || !fits(1.0);
+        let duration = self.duration(&jump);
+        let fits = |strides: f64| self.schedule.fits(&self.step, jump.delta_t, duration, strides);
+        jump.over = jump.done >= jump.strides || !fits(1.0);
         let last_but_one = jump.done + 1 == jump.strides || !fits(2.0);
         if jump.over {
             self.tell_ended(&jump, if jump.done == jump.strides { "length" } else { "end" });
@@ -189,8 +236,8 @@ impl Ride<'_> {
             }
         }
         self.watch.handed_back(self.totals.steps);
-        self.quantities.handed_back(jump.done);
-        if jump.done > 0 || !jump.over {
+        self.quantities.handed_back(jump.done.max(1));
+        if jump.done > 0 || !jump.over || !jump.carried_on {
             self.log_jump(&jump, quantities);
         }
         self.phase = Phase::Solving;
@@ -234,7 +281,7 @@ impl Ride<'_> {
         }
         let solver = match &self.phase {
             Phase::Solving => true,
-            Phase::Jumping(jump) => jump.done == 0 && !jump.carried_on,
+            Phase::Jumping(jump) => jump.is_new(),
             Phase::Advancing(_) | Phase::HandingBack(_) => false,
         };
         let held = self.quantities.reported(&self.settings.quantities, values, solver, &self.step.name);
@@ -248,14 +295,13 @@ impl Ride<'_> {
 
     /// Strides of the jump that a run has to take which is carried on from here; -1: the solver goes on.
     pub(crate) fn left(&self) -> i64 {
-        let rest = |jump: &Jump| (jump.strides - jump.done) as i64;
+        let rest = |jump: &Jump| jump.strides.saturating_sub(jump.done) as i64;
         match &self.phase {
             Phase::Solving => -1,
             Phase::Jumping(jump) | Phase::Advancing(jump) => rest(jump),
             Phase::HandingBack(jump) => {
-                let stride = self.candidates[jump.surrogate].stride();
                 // A run that is stopped in a jump goes on with the rest of it.
-                match self.schedule.is_stopped(&self.step, jump.delta_t, stride) {
+                match self.schedule.is_stopped(&self.step, jump.delta_t, self.duration(jump)) {
                     true => rest(jump),
                     false => 0,
                 }

@@ -109,6 +109,11 @@ impl Observer {
         }
     }
 
+    /// A rollout that is under way is given up.
+    pub fn begin_anew(&mut self) {
+        self.steps = 0;
+    }
+
     /// What follows a step of the solver where it has arrived at the end of a stride, or where none is under way. Collective.
     pub fn arrived(
         &mut self,
@@ -136,7 +141,8 @@ impl Observer {
         }
         match candidate.is_ready(step.time) {
             true => {
-                let start = Start { state: now.state, ahead: now.ahead };
+                let duration = candidate.stride();
+                let start = Start { state: now.state, ahead: now.ahead, duration };
                 found.bad.extend(candidate.shadow.begin(candidate.surrogate.as_mut(), step, start)?);
             }
             // A rollout goes on, and is compared at the ends of its strides.
@@ -243,7 +249,8 @@ impl Observer {
             Some(fits) => fits.follow(self.steps, &mut self.now),
             None => {
                 let state = self.imposed(surrogate.describe(), layout, now);
-                surrogate.predict(Start { state: &state, ahead: now.ahead }, &mut self.now)
+                let duration = surrogate.describe().stride;
+                surrogate.predict(Start { state: &state, ahead: now.ahead, duration }, &mut self.now)
             }
         };
         self.finite = followed.is_ok();

@@ -289,14 +289,20 @@ impl<'a> Ride<'a> {
         if let Some(state) = state.filter(|_| wanted) {
             self.keep(state);
             for candidate in &mut self.candidates {
+                let stride = candidate.stride();
                 if let (Some(control), Some(fits)) =
                     (&mut candidate.fit_control, candidate.surrogate.fits_mut())
                     && fits.wants(&self.step)
                 {
                     self.log.text += &control.observe(fits, &self.step, state, &mut self.decisions)?;
                 }
+                if candidate.stride() != stride {
+                    candidate.begin_anew();
+                }
             }
         }
+        let fits = self.candidates.iter_mut().filter_map(|c| c.surrogate.fits_mut());
+        fits.for_each(|fits| fits.stepped(&self.step));
         let answer = self.decided();
         self.tell_measured();
         self.tell_begun();
@@ -328,9 +334,9 @@ impl<'a> Ride<'a> {
         }
     }
 
-    /// What the prescribed arrays will be a stride of this surrogate from now on, where it has to be known: of a fit's stride in a jump, and of
-    /// any beside an obstacle. Collective.
-    pub(crate) fn ahead(&mut self, candidate: usize, jumps: bool) -> Result<Option<Values>> {
+    /// What the prescribed arrays will be a time from now on, s, where this surrogate has to know: a fit in a jump, and any beside an
+    /// obstacle. Collective.
+    pub(crate) fn ahead(&mut self, candidate: usize, jumps: bool, later: f64) -> Result<Option<Values>> {
         let fits = jumps && self.candidates[candidate].fit_control.is_some();
         let wanted = self.layout.is_prescribed() && (fits || self.layout.obstacle().is_some());
         let Some(ahead) = self.ahead.as_mut().filter(|_| wanted) else {
@@ -339,7 +345,7 @@ impl<'a> Ride<'a> {
         let arrays = self.layout.arrays().iter();
         let lengths = arrays.map(|a| if a.role == Role::Prescribed { a.numbers() } else { 0 });
         let mut values: Values = lengths.map(|n| vec![0.0; n]).collect();
-        let said = ahead(self.candidates[candidate].stride(), &mut values);
+        let said = ahead(later, &mut values);
         self.comm.agree(said)?;
         Ok(Some(values))
     }
@@ -381,7 +387,7 @@ impl<'a> Ride<'a> {
             strides: jump.map_or(0, |_| self.left().max(0) as usize),
             delta_t: jump.map_or(0.0, |jump| jump.delta_t),
             stepped: self.stepped,
-            duration: jumper.filter(|_| action == Action::Stride).map_or(0.0, |d| d.stride),
+            duration: jump.filter(|_| action == Action::Stride).map_or(0.0, |jump| self.duration(jump)),
             solver_steps: 0,
             last_but_one: false,
             state: match action {
@@ -460,7 +466,7 @@ impl<'a> Ride<'a> {
             if !due {
                 continue;
             }
-            let ahead = self.ahead(i, false)?;
+            let ahead = self.ahead(i, false, self.candidates[i].stride())?;
             let candidate = &mut self.candidates[i];
             let Some(mut observer) = candidate.observer.take() else { continue };
             let found = observer.arrived(

@@ -28,8 +28,9 @@ struct Description {
     rows: usize,
     /// Time of the state, s.
     time: f64,
-    /// Strides of a jump that are left; -1: the solver is at work.
+    /// Strides of a jump that are left; -1: the solver is at work. Time that has gone of the first of them, s.
     left: i64,
+    gone: f64,
     /// Whether some of its strides have been taken, and what was measured before it, and expected of it.
     begun: bool,
     expected: Option<[f64; 2]>,
@@ -147,7 +148,8 @@ impl Ride<'_> {
             rows: self.rows,
             time: self.step.time,
             left: self.left(),
-            begun: jump.is_some_and(|jump| jump.done > 0 || jump.carried_on),
+            gone: jump.map_or(0.0, |jump| jump.part(self.candidates[jump.surrogate].stride())),
+            begun: jump.is_some_and(|jump| !jump.is_new()),
             expected: jump.and_then(|jump| jump.expected).filter(|e| e.iter().all(|v| v.is_finite())),
             jumper: jump.map_or(self.totals.last, |jump| jump.surrogate),
             since: self.step.index - self.handed_back,
@@ -286,6 +288,7 @@ impl Ride<'_> {
             surrogate: found.jumper,
             strides: found.left as usize,
             done: 0,
+            gone: found.gone,
             carried_on: found.begun,
             delta_t: found.delta_t,
             over: found.left == 0,
@@ -344,7 +347,12 @@ impl Ride<'_> {
             )));
         }
         let rows = self.rows;
-        let usable = found.delta_t.is_finite() && found.delta_t > 0.0 && found.left >= -1 && found.since >= 0;
+        let usable = found.delta_t.is_finite()
+            && found.delta_t > 0.0
+            && found.left >= -1
+            && found.gone.is_finite()
+            && found.gone >= 0.0
+            && found.since >= 0;
         if rows != found.rows
             || !usable
             || found.jumper >= self.candidates.len()

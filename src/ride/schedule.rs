@@ -17,6 +17,8 @@ pub struct Step {
     pub output_time: f64,
     /// Correctors that the solver took in this step, and its cap; none of a solver that has none.
     pub correctors: Option<[usize; 2]>,
+    /// Time after which the next state of a jump is wanted, s: a fit says it of any time; 0: at the end of its stride.
+    pub within: f64,
 }
 
 /// The part of the schedule that the settings fix.
@@ -49,7 +51,8 @@ impl Schedule {
         step.time > self.start - 1.5 * stride - half && step.time < self.end + half
     }
 
-    /// Whether there is room behind a time for so many strides that leave the solver, whose time step is `delta_t`, the last step.
+    /// Whether there is room behind a time for so many strides, or steps of a length, that leave the solver, whose time step is `delta_t`, the
+    /// last step.
     pub fn fits(&self, step: &Step, delta_t: f64, stride: f64, strides: f64) -> bool {
         step.time + strides * stride < (self.end + delta_t).min(step.end_time) - 0.5 * delta_t
     }
@@ -65,6 +68,15 @@ impl Schedule {
 /// Steps of the solver that a stride stands for.
 pub fn steps_of(stride: f64, delta_t: f64) -> i64 {
     ((stride / delta_t).round() as i64).max(1)
+}
+
+/// Time to the next state of a jump of a fit, s: that which is wanted, but no more steps of the solver than come to the end of the stride, of
+/// which `rest` is left.
+pub fn duration(within: f64, rest: f64, delta_t: f64) -> f64 {
+    match within > 0.0 {
+        true => within.min((rest / delta_t - 1e-6).ceil().max(1.0) * delta_t),
+        false => rest,
+    }
 }
 
 #[cfg(test)]
@@ -97,6 +109,16 @@ mod tests {
         assert!(s.is_stopped(&at(1.6, 0.1, 1.8, 0), 0.1, 0.2));
         assert!(!s.is_stopped(&at(1.6, 0.1, 1.9, 0), 0.1, 0.2), "there is room");
         assert!(!s.is_stopped(&at(1.95, 0.1, 2.0, 0), 0.1, 0.2), "the schedule is over");
+    }
+
+    #[test]
+    fn a_part_of_a_stride_ends_at_a_step_of_the_solver() {
+        assert_eq!(duration(0.0, 0.25, 0.1), 0.25, "nothing is wanted before its end");
+        assert_eq!(duration(0.1, 0.25, 0.1), 0.1);
+        assert_eq!(duration(0.07, 0.25, 0.1), 0.07, "a time to write");
+        assert!((duration(9.0, 0.25, 0.1) - 0.3).abs() < 1e-12, "three steps come to its end");
+        assert!((duration(9.0, 0.3 + 1e-12, 0.1) - 0.3).abs() < 1e-12, "rounding");
+        assert_eq!(duration(9.0, 0.01, 0.1), 0.1);
     }
 
     #[test]

@@ -125,7 +125,7 @@ mod tests {
     use crate::toy::{self, Toy, at};
 
     fn start(state: &Values) -> Start<'_> {
-        Start { state, ahead: None }
+        Start { state, ahead: None, duration: 0.5 }
     }
 
     #[test]

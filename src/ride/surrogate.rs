@@ -15,7 +15,7 @@ pub struct Description {
     pub source: String,
     /// Identifies it: a state that was written with another one is not taken up.
     pub digest: String,
-    /// Time that one step advances, s.
+    /// Time that one step advances, s. That of a fit may change while it has no state.
     pub stride: f64,
     /// The arrays that it advances and is measured by.
     pub advances: Vec<usize>,
@@ -50,6 +50,8 @@ pub struct Start<'a> {
     pub state: &'a Values,
     /// What the prescribed arrays will be at the end of the stride; none where nobody knows, or needs to.
     pub ahead: Option<&'a Values>,
+    /// Time to the state that is asked for, s: the stride, but of a fit any.
+    pub duration: f64,
 }
 
 /// Where a run is carried on.
@@ -122,12 +124,14 @@ pub trait Surrogate {
 /// What a fit makes of a step of the solver.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Seen {
+    /// The time between snapshots where it is another from here on, s: the window is then empty.
+    pub interval: Option<f64>,
     /// Snapshots that came of it.
     pub snapshots: usize,
     /// Snapshots without a gap up to now.
     pub contiguous: usize,
-    /// Error of the stride that the fit predicted from the snapshot before, over that of holding it, and whether the stride follows a jump;
-    /// none: there was no fit.
+    /// Error of what the fit predicted from the last snapshot before, over that of holding it, and whether that follows a jump; none: there
+    /// was no fit.
     pub error: Option<(f64, bool)>,
 }
 
@@ -156,6 +160,11 @@ pub trait Fits {
 
     /// Whether the state after this step of the solver is wanted.
     fn wants(&self, step: &Step) -> bool;
+
+    /// The solver has made this step, whose state is taken, if it was wanted.
+    fn stepped(&mut self, step: &Step) {
+        let _ = step;
+    }
 
     /// Takes the state after a step of the solver.
     ///

@@ -39,6 +39,7 @@ pub fn at(time: f64, delta_t: f64, end_time: f64, index: i64) -> Step {
         name: format!("{time:.6}").trim_end_matches('0').trim_end_matches('.').into(),
         output_time: time,
         correctors: None,
+        within: 0.0,
     }
 }
 

@@ -64,6 +64,7 @@ pub fn ride_step(index: i64, delta_t: f64) -> RideStep {
         delta_t,
         end_time: f64::INFINITY,
         output_time: 0.0,
+        within: 0.0,
         index,
         name: null(),
         correctors: -1,

@@ -48,15 +48,32 @@ fn bits(host: &Host) -> Vec<u64> {
 fn a_run_that_is_carried_on_in_a_jump_and_beside_the_solver_has_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
     let settings = |decisions: &str| telling(folder.path(), decisions);
-    // In the second jump, between two samples of the solver, and where the last states are all the same.
-    for (broken, at) in [(1e9, 7.65), (1e9, 9.05), (1e9, 4.9), (-4.0, 6.9)] {
-        let mut whole = Host::new(&settings("whole"), 0.0, 0, 25.0, solver(0.0, broken));
+    // In the second jump, between two samples of the solver, and where the last states are all the same; then with steps that do not
+    // meet the samples, in a jump, behind it, and beside a sample that is interpolated.
+    let even: (fn(f64) -> f64, f64) = (|_| DELTA_T, 0.0);
+    let uneven: (fn(f64) -> f64, f64) = (|time| 0.03 + 0.01 * time.sin(), 1.0);
+    for (broken, at, (delta_t, looks)) in [
+        (1e9, 7.65, even),
+        (1e9, 9.05, even),
+        (1e9, 4.9, even),
+        (-4.0, 6.9, even),
+        (1e9, 4.0, uneven),
+        (1e9, 5.5, uneven),
+        (1e9, 6.1, uneven),
+        (1e9, 7.2, uneven),
+        (1e9, 8.35, uneven),
+    ] {
+        let host = |decisions, time, index, u| {
+            let made = Host::new(&settings(decisions), time, index, 25.0, u);
+            Host { delta_t, looks, ..made }
+        };
+        let mut whole = host("whole", 0.0, 0, solver(0.0, broken));
         whole.run(broken, |_| false);
         let path = folder.path().join("ride.state");
-        let mut first = Host::new(&settings("parts"), 0.0, 0, 25.0, solver(0.0, broken));
+        let mut first = host("parts", 0.0, 0, solver(0.0, broken));
         first.run(broken, |h| h.time > at - 1e-9);
         first.ride.save(&path).unwrap();
-        let mut second = Host::new(&settings("parts"), first.time, first.index, 25.0, first.u.clone());
+        let mut second = host("parts", first.time, first.index, first.u.clone());
         let now = second.now();
         let answer = second.with(|ride, state| ride.load(&path, now, state)).unwrap();
         let stopped = second.go_on(&answer, &|_| false);

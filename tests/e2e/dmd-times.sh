@@ -1,0 +1,102 @@
+#!/usr/bin/env bash
+# A solver that adjusts its time step, from a cautious first one, with the dmd surrogate: times are written where the plain solver writes them,
+# function objects see the solver's own steps in jumps, what an object behind the surrogate solves for loses nothing, and a run that
+# is carried on has its fit.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+mkdir -p case/{0,constant,system} && cd case
+control_dict pimpleFoam 30 0.0001 adjustableRunTime 0.7 12
+sed -i 's/^timePrecision .*/timePrecision 6; adjustTimeStep yes; maxCo 0.2; maxDeltaT 1;/' system/controlDict
+schemes 'div((nuEff*dev2(T(grad(U))))) Gauss linear;'
+{ header fvSolution; cat <<'EOD'; } > system/fvSolution
+solvers
+{
+    "p.*" { solver PCG; preconditioner DIC; tolerance 1e-10; relTol 0; }
+    "(U|s).*" { solver smoothSolver; smoother symGaussSeidel; tolerance 1e-12; relTol 0; }
+}
+PIMPLE { nOuterCorrectors 1; nCorrectors 2; nNonOrthogonalCorrectors 0; pRefCell 0; pRefValue 0; }
+EOD
+echo "$(header x) simulationType laminar; transportModel Newtonian; nu 0.02;" | tee constant/turbulenceProperties > constant/transportProperties
+{ header fvOptions; echo 'force { type meanVelocityForce; selectionMode all; fields (U); Ubar (1 0 0); }'; } > constant/fvOptions
+# field NAME CLASS DIMENSIONS VALUE WALLS
+field() {
+    { header "$1" "$2"; echo "dimensions [$3]; internalField uniform $4; boundaryField { \"left|right\" { type cyclic; } walls { $5 }
+        frontAndBack { type empty; } }"; } > "0/$1"
+}
+field p volScalarField '0 2 -2 0 0 0 0' 0 'type zeroGradient;'
+field U volVectorField '0 1 -1 0 0 0 0' '(1 0 0)' 'type noSlip;'
+field s volScalarField '0 0 0 0 0 0 0' 0 'type fixedGradient; gradient uniform 1;'
+: > system/functions
+block '1 1 0.1' '4 20 1' 'left { type cyclic; neighbourPatch right; faces (LEFT); } right { type cyclic; neighbourPatch left; faces (RIGHT); }
+    walls { type wall; faces (BOTTOM TOP); } frontAndBack { type empty; faces (BACK FRONT); }'
+
+tracer='tracer { type scalarTransport; libs (solverFunctionObjects); field s; D 0.02; nCorr 0; resetOnStartUp no; writeControl none; log no; }'
+average() { echo "average { type fieldAverage; libs (fieldFunctionObjects); timeStart 21.1; writeControl writeTime; fields ( U { mean on; prime2Mean off; base time; } ); }"; }
+looks="Co { type CourantNo; libs (fieldFunctionObjects); writeControl writeTime; }
+    rows { type volFieldValue; libs (fieldFunctionObjects); fields (U); operation max; regionType all; writeFields no; log no; }"
+surrogate() { echo "test { type m4gnSurrogate; libs (m4gnFoam); mode replace; surrogates (dmd); $* }"; }
+dmd='dmd { snapshotInterval 0.25; window 24; minSnapshots 24; delays (3 5); holdOut 3; initialJump 10; maxJump 20; }'
+times() { find . -maxdepth 1 -name '[0-9]*' -printf '%f\n' | sort -g | tr '\n' ' '; }
+largest() { awk '/^internalField/ { on = 1 } /^boundaryField/ { exit } on && /^[0-9.e-]+$/ && n++ && $1 > m { m = $1 } END { print m + 0 }' "$1"; }
+total() { sed -n 's/.*totalTime *\(.*\);/\1/p' "$1/uniform/functionObjects/functionObjectProperties"; }
+
+echo "$looks $(average) $tracer" > system/functions
+runs pimpleFoam
+plain=$(times)
+mkdir ../plain && mv [1-9]* postProcessing ../plain && clean_case
+
+for order in front behind; do
+    case $order in
+        front) echo "$tracer $looks $(average) $(surrogate "$dmd")" ;;
+        *) echo "$(surrogate "$dmd") $looks $(average) $tracer" ;;
+    esac > system/functions
+    clean_case
+    runs pimpleFoam
+    replaces 0.3 "tracer in $order"
+    ! grep -q 'off by inf' log.run || fail "a stride is off by inf"
+    [ "$(times)" = "$plain" ] || fail "times $(times), expected $plain"
+    for field in U s; do
+        below "$(difference ../plain/30/$field 30/$field)" 2e-3 "$field, tracer in $order"
+    done
+done
+
+# Rows of equal weight, and the solver's Courant number, at all times
+gap() { awk '!/^#/ { if (n++ > 100 && $1 - t > m) m = $1 - t; t = $1 } END { print m }' "$1/postProcessing/rows/0/volFieldValue.dat"; }
+below "$(gap .)" "$(awk "BEGIN { print 1.5*$(gap ../plain) }")" "largest time between two rows"
+mean() { awk '!/^#/ && $1 > 15 { gsub(/[()]/, ""); s += $2; ++n } END { print s/n }' "$1/postProcessing/rows/0/volFieldValue.dat"; }
+below "$(awk "BEGIN { d = $(mean .)/$(mean ../plain) - 1; print d < 0 ? -d : d }")" 2e-3 "mean over rows"
+for time in 14 21 23.8 28; do
+    below "$(awk "BEGIN { d = $(largest $time/Co)/$(largest ../plain/$time/Co) - 1; print d < 0 ? -d : d }")" 0.3 "Courant number at $time"
+done
+# From a time inside of a stride on
+below "$(awk "BEGIN { d = $(total 30) - $(total ../plain/30); print d < 0 ? -d : d }")" 0.06 "time that is averaged over"
+
+# Carried on, from a time in a jump and from one behind a step of the solver
+mkdir ../whole && cp -r [1-9]* ../whole
+for time in 9.8 14.7 22.4; do
+    clean_case
+    cp -r ../whole/$time .
+    sed -i "s/^startTime .*/startTime $time;/" system/controlDict
+    runs pimpleFoam
+    ! grep -q 'off by inf' log.run || { grep m4gn log.run; fail "carried on at $time: a stride is off by inf"; }
+    grep -q '^m4gn: jumped' log.run || { grep m4gn log.run; fail "carried on at $time: no jump"; }
+    below "$(difference ../whole/30/U 30/U)" 1e-4 "U, carried on at $time"
+done
+sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+
+# The default: states are so many of the present steps apart, and not of the first; each fourth step is looked at
+clean_case
+echo "$(surrogate 'othersInterval 4; dmd { window 24; minSnapshots 24; delays (3 5); holdOut 3; initialJump 5; }') $looks" > system/functions
+sed -i 's/^endTime .*/endTime 49;/' system/controlDict
+runs pimpleFoam
+[ "$(grep -c 'fit of' log.run)" -lt 20 ] || fail "$(grep -c 'fit of' log.run) fits: states lie inside of steps"
+grep -q '^m4gn: jumped' log.run || { grep m4gn log.run; fail "no jump with states as far apart as the steps say"; }
+below "$(awk "BEGIN { print 3*$(gap ../plain) }")" "$(gap .)" "four steps between two rows"
+# Why there is none is said
+clean_case
+sed -i 's/^endTime .*/endTime 1.4;/' system/controlDict
+runs pimpleFoam
+grep -q 'm4gn: no jump of dmd: no fit: it takes 24 states .* apart' log.run || { grep m4gn log.run; fail "why there was no jump is not said"; }
+surrogate 'othersInterval 0;' > system/functions
+refused 'othersInterval 0: expected at least 1 time step' pimpleFoam
+echo "dmd-times: passed"
