@@ -522,7 +522,12 @@ PYTHON
 }
 
 # below VALUE LIMIT WHAT
-below() { awk "BEGIN { exit !($1 <= $2) }" || fail "$3: $1, expected at most $2"; echo "$3: $1"; }
+below() {
+    local number='^[-+]?[0-9]*\.?[0-9]+([eE][-+]?[0-9]+)?$'
+    [[ $1 =~ $number && $2 =~ $number ]] || fail "$3: $1, expected at most $2: no numbers"
+    awk "BEGIN { exit !($1 <= $2) }" || fail "$3: $1, expected at most $2"
+    echo "$3: $1"
+}
 
 # make_oracle: a libm4gn.so whose surrogate is always right, in front of the real one (oracle.c).
 make_oracle() {
