@@ -44,12 +44,38 @@ pub fn file(path: &Path) -> Result<Option<Lock>> {
     }
 }
 
-/// Claims files as [`file`], each once.
+/// Endings of files that commands write into folders that they read: results of an earlier command may be replaced.
+const RESULTS: [&str; 7] = ["json", "html", "csv", "vtu", "pvd", "safetensors", "checkpoint"];
+
+/// Claims the files that a command is to write as [`file`], each once. None of them may be what it reads, under whatever name: a file, or one
+/// in a folder but for results of earlier commands.
 ///
 /// # Errors
-/// As [`file`].
-pub fn files<'a>(paths: impl IntoIterator<Item = &'a Path>) -> Result<Vec<Lock>> {
-    paths.into_iter().filter_map(|path| file(path).transpose()).collect()
+/// As [`file`]; [`Error::File`] naming an output that is an input.
+pub fn outputs<'a>(
+    paths: impl IntoIterator<Item = &'a Path>,
+    inputs: impl IntoIterator<Item = &'a Path>,
+) -> Result<Vec<Lock>> {
+    let inputs: Vec<&Path> = inputs.into_iter().collect();
+    let apart = |path: &'a Path| match inputs.iter().find(|input| is_read(path, input)) {
+        Some(input) => Err(Error::file(
+            path,
+            format!("it would replace what is read ({}): give another file", input.display()),
+        )),
+        None => file(path),
+    };
+    paths.into_iter().filter_map(|path| apart(path).transpose()).collect()
+}
+
+fn is_read(output: &Path, input: &Path) -> bool {
+    let identity = |path: &Path| path.metadata().ok().filter(|m| !m.is_dir()).map(|m| (m.dev(), m.ino()));
+    let Some(own) = identity(output).filter(|_| output.is_file()) else { return false };
+    if identity(input) == Some(own) {
+        return true;
+    }
+    let result = output.extension().is_some_and(|e| RESULTS.iter().any(|r| e == *r));
+    let (Ok(output), Ok(input)) = (output.canonicalize(), input.canonicalize()) else { return false };
+    input.is_dir() && output.starts_with(input) && !result
 }
 
 /// As [`folder`], but waits while another program has it; `waiting` is told what [`folder`] would say, every so often, and ends the wait with an error.
@@ -147,7 +173,7 @@ mod tests {
         assert!(folder(&at("new")).is_ok(), "another folder");
         drop(held);
         drop(folder(&at("new/set")).unwrap());
-        let held = files([at("a.safetensors"), at("b.json")].iter().map(PathBuf::as_path)).unwrap();
+        let held = outputs([at("a.safetensors"), at("b.json")].iter().map(PathBuf::as_path), []).unwrap();
         assert!(held.len() == 2 && refused(file(&at("b.json"))).contains(&own));
         symlink("a.safetensors", at("link")).unwrap();
         assert!(refused(file(&at("link"))).contains("link: is being written by"));
@@ -156,6 +182,30 @@ mod tests {
         assert!(file(&at("none/a")).is_err());
         let left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
         assert!(left.len() == 2 && std::fs::read_dir(at("new/set")).unwrap().count() == 0, "{left:?}");
+    }
+
+    #[test]
+    fn no_output_is_an_input_under_whatever_name() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        std::fs::create_dir_all(at("data/deeper")).unwrap();
+        for name in ["model", "data/a.h5", "data/deeper/b", "data/old.json"] {
+            std::fs::write(at(name), name).unwrap();
+        }
+        symlink("model", at("link")).unwrap();
+        std::fs::hard_link(at("model"), at("twin")).unwrap();
+        let inputs = [at("model"), at("data")];
+        let claimed = |names: &[&str]| {
+            let paths: Vec<PathBuf> = names.iter().map(|name| at(name)).collect();
+            outputs(paths.iter().map(PathBuf::as_path), inputs.iter().map(PathBuf::as_path))
+                .map(|held| held.len())
+        };
+        for name in ["model", "link", "twin", "data/../model", "data/a.h5", "data/deeper/b"] {
+            assert!(refused(claimed(&[name])).contains("would replace what is read"), "{name}");
+        }
+        assert_eq!(claimed(&["new", "data/old.json", "data/new.h5"]).unwrap(), 3);
+        assert!(refused(claimed(&["new", "new"])).contains("is being written by"));
+        assert_eq!(std::fs::read(at("model")).unwrap(), b"model");
     }
 
     /// A program that was killed leaves the file, and no lock.

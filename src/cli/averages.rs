@@ -51,7 +51,7 @@ pub fn run(args: Args) -> Result<()> {
             return Err(Error::Input(format!("{option} {v}: expected a positive number")));
         }
     }
-    let _claimed = crate::claim_outputs([args.json.as_deref()])?;
+    let _claimed = crate::claim_outputs([args.json.as_deref()], [Some(&*args.table)])?;
     let series = table::read(&args.table, &args.column)?.series(args.start);
     let found = estimate(&series, args.confidence).ok_or_else(|| {
         Error::file(

@@ -62,7 +62,7 @@ pub fn run(args: Args) -> Result<()> {
             return Err(Error::Input(format!("{option} 0: expected at least 1")));
         }
     }
-    let _claimed = crate::claim_outputs([&args.json, &args.out].map(|p| p.as_deref()))?;
+    let _claimed = crate::claim_outputs([&args.json, &args.out].map(|p| p.as_deref()), [Some(&*args.data)])?;
     let mut model = Model::read(&args.model)?;
     let known = match (args.check, &model.spec.calibration) {
         (true, None) => {

@@ -45,7 +45,10 @@ fn file(text: &str) -> std::result::Result<PathBuf, String> {
 /// # Errors
 /// What keeps the solver from being run, and the reasons of surrogates that do not fit.
 pub fn run(args: Args) -> Result<()> {
-    let _claimed = claim_outputs([args.json.as_deref()])?;
+    let _claimed = claim_outputs(
+        [args.json.as_deref()],
+        [Some(args.case.folder()), args.model.as_deref(), args.config.as_deref()],
+    )?;
     let plan = Plan {
         case: args.case,
         model: args.model,

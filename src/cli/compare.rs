@@ -55,7 +55,10 @@ pub fn run(args: Args) -> Result<()> {
             return Err(Error::Input(format!("{name} {v}: expected a positive number")));
         }
     }
-    let _claimed = super::claim_outputs([&args.json, &args.html].map(|p| p.as_deref()))?;
+    let _claimed = super::claim_outputs(
+        [&args.json, &args.html].map(|p| p.as_deref()),
+        [Some(&*args.case_a), Some(&*args.case_b)],
+    )?;
     let mut a = FoamCase::open(&args.case_a)?;
     let mut b = FoamCase::open(&args.case_b)?;
     let options = Options {

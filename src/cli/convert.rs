@@ -94,7 +94,7 @@ pub fn run(args: Args) -> Result<()> {
 
 /// Weights of others to a model, or a model to weights for others.
 fn weights(args: &Args) -> Result<()> {
-    let _claimed = super::claim_outputs([Some(args.out.as_path())])?;
+    let _claimed = super::claim_outputs([Some(&*args.out)], [Some(&*args.input), args.like.as_deref()])?;
     let types = args.node_types.as_deref();
     let naming = match args.kind {
         None => {
@@ -177,7 +177,7 @@ fn out(args: &Args) -> Result<()> {
             _ => (export::to_vtu, "pvd"),
         };
         let to = if single { args.out.clone() } else { args.out.join(stem).with_extension(end) };
-        let _claimed = super::claim_outputs([Some(to.as_path())])?;
+        let _claimed = super::claim_outputs([Some(&*to)], [Some(&*args.input)])?;
         write(&Trajectory::open(file)?, &to)?;
         println!("wrote {}", to.display());
         if stop.load(Ordering::Relaxed) != 0 {

@@ -79,7 +79,7 @@ pub struct Args {
 /// # Errors
 /// Bad settings, missing programs, a folder that cannot be used, interruption, or a run that failed.
 pub fn run(args: Args) -> Result<()> {
-    let _claimed = claim_outputs([args.json.as_deref(), args.html.as_deref()])?;
+    let _claimed = claim_outputs([args.json.as_deref(), args.html.as_deref()], [args.model.as_deref()])?;
     let plan = plan(&args)?;
     let order = plan.schedule.order_by.clone().unwrap_or("case".into());
     let names: Vec<String> = plan.variants.iter().map(|v| v.name.clone()).collect();

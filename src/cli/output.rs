@@ -107,12 +107,15 @@ pub fn write_json(path: Option<&Path>, figures: &Value) -> Result<()> {
     }
 }
 
-/// Claims the places of files that were asked for ([`lock::files`]), before anything is computed.
+/// Claims the places of files that were asked for, none of which may be read as well ([`lock::outputs`]), before anything is computed.
 ///
 /// # Errors
-/// [`Error::File`] naming the one that could not be put there, or that another program writes.
-pub fn claim_outputs<'a>(paths: impl IntoIterator<Item = Option<&'a Path>>) -> Result<Vec<Lock>> {
-    lock::files(paths.into_iter().flatten())
+/// [`Error::File`] naming the one that could not be put there, that another program writes, or that is an input.
+pub fn claim_outputs<'a>(
+    paths: impl IntoIterator<Item = Option<&'a Path>>,
+    inputs: impl IntoIterator<Item = Option<&'a Path>>,
+) -> Result<Vec<Lock>> {
+    lock::outputs(paths.into_iter().flatten(), inputs.into_iter().flatten())
 }
 
 /// A progress bar over `length` things on a terminal; None where stderr is no terminal: print plain lines then.

@@ -41,7 +41,10 @@ pub struct Args {
 /// # Errors
 /// When the model does not fit the data, or a file cannot be read or written; when a rollout becomes non-finite (after all are written).
 pub fn run(args: Args) -> Result<()> {
-    let _claimed = super::claim_outputs([args.json.as_deref()])?;
+    let _claimed = super::claim_outputs(
+        [args.json.as_deref(), Some(&*args.out).filter(|_| !args.data.is_dir())],
+        [Some(&*args.model), Some(&*args.data)],
+    )?;
     let options = args.running.options()?;
     let model = Model::read(&args.model)?;
     let files = list(&args.data)?;

@@ -58,7 +58,10 @@ pub fn run(args: Args) -> Result<()> {
     if let Some(h) = args.horizon.filter(|h| !h.is_finite() || *h <= 0.0) {
         return Err(Error::Input(format!("--horizon {h}: expected a positive time in s")));
     }
-    let _claimed = crate::claim_outputs([&args.json, &args.html].map(|p| p.as_deref()))?;
+    let _claimed = crate::claim_outputs(
+        [&args.json, &args.html].map(|p| p.as_deref()),
+        [Some(&*args.model), Some(&*args.data)],
+    )?;
     let mut model = Model::read(&args.model)?;
     if let Some(count) = args.segments {
         if !model.spec.architecture.needs().segments {

@@ -54,7 +54,7 @@ impl Request {
         Ok(config)
     }
 
-    /// Makes the folder of the model, checkpoint and log, and claims these files ([`lock::files`]), before anything is read.
+    /// Makes the folder of the model, checkpoint and log, and claims these files ([`lock::outputs`]), before anything is read.
     ///
     /// # Errors
     /// [`Error::File`] naming the file that could not be written, or that another program writes.
@@ -65,7 +65,8 @@ impl Request {
         }
         // Models of other endings have the same checkpoint and log.
         let checkpoint = self.checkpoint();
-        lock::files([&self.out, &checkpoint].into_iter().chain(&self.json).map(PathBuf::as_path))
+        let outputs = [&self.out, &checkpoint].into_iter().chain(&self.json).map(PathBuf::as_path);
+        lock::outputs(outputs, [&self.data, &self.config].map(PathBuf::as_path))
     }
 
     /// Worker threads: as asked, else one a core up to the pieces of work.

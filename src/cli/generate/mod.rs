@@ -133,7 +133,7 @@ impl Common {
         whole: impl Fn(&[Value]) -> (String, Value),
     ) -> Result<()> {
         let split = self.asked_split()?;
-        let _claimed = claim_outputs([self.json.as_deref()])?;
+        let _claimed = claim_outputs([self.json.as_deref()], [])?;
         let jobs = self
             .jobs
             .map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), |j| j as usize);

@@ -27,7 +27,7 @@ pub struct Args {
 /// # Errors
 /// When the file cannot be read; for a folder, when any of its trajectories is damaged (after the table).
 pub fn run(args: Args) -> Result<()> {
-    let _claimed = super::claim_outputs([args.json.as_deref()])?;
+    let _claimed = super::claim_outputs([args.json.as_deref()], [Some(&*args.path)])?;
     let path = args.path.as_path();
     let is_model = path.extension().is_some_and(|e| e == "safetensors");
     let mut damaged = Vec::new();

@@ -34,7 +34,7 @@ pub fn run(args: Args) -> Result<()> {
     // Nothing is put where nobody asked for it: of a trajectory where --vtu says
     let write = !args.no_write && (args.vtu.is_some() || matches!(input, Input::Case(_)));
     let shown = args.vtu.as_deref().filter(|_| write);
-    let _claimed = super::claim_outputs([args.json.as_deref(), shown])?;
+    let _claimed = super::claim_outputs([args.json.as_deref(), shown], [Some(&*args.path)])?;
     if write {
         input.check_fields(spec.modes, args.overwrite)?;
     }
