@@ -34,7 +34,10 @@ pub fn parse<T: DeserializeOwned>(what: &str, text: &str, free: &[&str]) -> Resu
     let mut given = BTreeMap::new();
     rename(&mut whole, free, &mut given).map_err(bad)?;
     T::deserialize(&whole).map_err(|e| {
-        let (path, problem) = culprit::<T>(&whole, &e);
+        let (path, mut problem) = culprit::<T>(&whole, &e);
+        if problem.starts_with("unknown entry") && !given.is_empty() {
+            problem = their_spelling(&problem);
+        }
         let spelt: Vec<&str> =
             path.iter().map(|name| given.get(name).map_or(name.as_str(), String::as_str)).collect();
         bad(match spelt.is_empty() {
@@ -86,6 +89,16 @@ fn our_spelling(name: &str) -> String {
         ours.push(c.to_ascii_lowercase());
     }
     ours
+}
+
+/// `distance_scale` as `distanceScale`.
+fn their_spelling(text: &str) -> String {
+    let mut words = text.split('_');
+    let mut theirs = words.next().unwrap_or_default().to_string();
+    for word in words {
+        theirs.extend(word.chars().take(1).map(|c| c.to_ascii_uppercase()).chain(word.chars().skip(1)));
+    }
+    theirs
 }
 
 /// Gives all names our spelling; `given` keeps those that the user wrote.
@@ -222,7 +235,7 @@ mod tests {
             ("{", "case: expected a JSON object with settings, found {"),
             (
                 r#"{"nThread": 2}"#,
-                "case: nThread: unknown entry, expected one of n_threads, segments, notes; is n_threads meant?",
+                "case: nThread: unknown entry, expected one of nThreads, segments, notes; is nThreads meant?",
             ),
             (
                 r#"{"nThreads": -2}"#,
