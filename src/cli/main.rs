@@ -10,7 +10,6 @@ pub mod calibrate;
 pub mod check;
 pub mod compare;
 pub mod convert;
-pub mod doctor;
 pub mod generate;
 pub mod hybrid;
 pub mod info;
@@ -56,7 +55,6 @@ enum Command {
     Study(study::Args),
     Bench(bench::Args),
     Segment(segment::Args),
-    Doctor(doctor::Args),
 }
 
 /// Runs the command line of this process.
@@ -79,7 +77,6 @@ fn main() -> ExitCode {
         Command::Study(args) => study::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Segment(args) => segment::run(args),
-        Command::Doctor(args) => doctor::run(args),
     };
     let status = match done.and_then(|()| output::printed()) {
         Ok(()) => ExitCode::SUCCESS,

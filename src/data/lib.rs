@@ -66,9 +66,3 @@ pub use schema::{FieldMeta, Frame, Split};
 pub use states::States;
 pub use trajectory::{Trajectory, list};
 pub use writer::{WriteOptions, Writer};
-
-/// Version of the HDF5 library.
-pub fn hdf5_version() -> String {
-    let (major, minor, micro) = hdf5::library_version();
-    format!("{major}.{minor}.{micro}")
-}

@@ -10,7 +10,7 @@ mod lifetime;
 
 pub use guard::{operations_since, panic_after, panic_text};
 pub use halo::Halo;
-pub use lifetime::{before_finalize, finalize, library_version, start};
+pub use lifetime::{before_finalize, finalize, start};
 
 use crate::ffi::mpi::OwnedCommunicator;
 use m4gn_base::{Error, Result};

@@ -51,8 +51,3 @@ pub fn finalize() {
         std::mem::forget(universe);
     }
 }
-
-/// What the MPI library says of itself; none where it does not answer.
-pub fn library_version() -> Option<String> {
-    mpi::environment::library_version().ok()
-}

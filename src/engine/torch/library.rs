@@ -35,8 +35,8 @@ pub const LIBRARY: Description = Description {
     file: "libm4gn_torch.so",
     prefix: "m4gn_torch",
     version: 8,
-    remedy: "It needs libtorch: type setup/all.sh, which fetches libtorch and builds it; `m4gn doctor` checks what \
-             there is; backend native needs none of it",
+    remedy: "It needs libtorch: type setup/all.sh, which fetches libtorch and builds it; backend native \
+             needs none of it",
     global: false,
 };
 

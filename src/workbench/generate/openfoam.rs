@@ -7,7 +7,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// Where Debian's package keeps OpenFOAM's `etc`.
-pub const DEBIAN_OPENFOAM: &str = "/usr/share/openfoam";
+const DEBIAN_OPENFOAM: &str = "/usr/share/openfoam";
 
 /// Variables for the tools: OpenFOAM's folder, and our libraries for the function objects; one thread a program.
 ///
@@ -19,7 +19,7 @@ pub fn environment(programs: &[&str]) -> Result<Vec<(String, OsString)>> {
     if !missing.is_empty() {
         return Err(Error::Input(format!(
             "{} not found in PATH: install OpenFOAM and gmsh (Debian: apt-get install openfoam gmsh), or source your \
-             OpenFOAM's etc/bashrc; 'm4gn doctor' says more, docs/solids.md where solids4Foam comes from",
+             OpenFOAM's etc/bashrc; docs/solids.md says where solids4Foam comes from",
             missing.join(", ")
         )));
     }
