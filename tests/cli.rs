@@ -121,13 +121,12 @@ fn names_may_be_anything() {
 
 #[test]
 fn outputs_are_checked_before_anything_is_computed() {
-    let nowhere = "/nowhere/report.html";
-    for (command, rest) in [
-        ("compare", &["/no/case", "/no/case"][..]),
-        ("validate", &["--model", "/no/model", "--data", "/no/data"]),
+    for (command, option, rest) in [
+        ("compare", "--html", &["/no/case", "/no/case"][..]),
+        ("validate", "--json", &["--model", "/no/model", "--data", "/no/data"]),
     ] {
-        let run = m4gn().args([command, "--html", nowhere]).args(rest).output().unwrap();
-        fails(&run, "/nowhere/report.html: cannot be written");
+        let run = m4gn().args([command, option, "/nowhere/report"]).args(rest).output().unwrap();
+        fails(&run, "/nowhere/report: cannot be written");
     }
 }
 

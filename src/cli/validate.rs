@@ -38,9 +38,6 @@ pub struct Args {
     /// Write the figures to this file
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Write a report with plots and pictures to this file, self-contained
-    #[arg(long, value_name = "FILE")]
-    html: Option<PathBuf>,
     /// Of a body: write the rollout on one trajectory for ParaView into this folder: truth.pvd, prediction.pvd, obstacle.pvd
     #[arg(long, value_name = "DIR")]
     vtu: Option<PathBuf>,
@@ -58,10 +55,7 @@ pub fn run(args: Args) -> Result<()> {
     if let Some(h) = args.horizon.filter(|h| !h.is_finite() || *h <= 0.0) {
         return Err(Error::Input(format!("--horizon {h}: expected a positive time in s")));
     }
-    let _claimed = crate::claim_outputs(
-        [&args.json, &args.html].map(|p| p.as_deref()),
-        [Some(&*args.model), Some(&*args.data)],
-    )?;
+    let _claimed = crate::claim_outputs([args.json.as_deref()], [Some(&*args.model), Some(&*args.data)])?;
     let mut model = Model::read(&args.model)?;
     if let Some(count) = args.segments {
         if !model.spec.architecture.needs().segments {
@@ -80,19 +74,14 @@ pub fn run(args: Args) -> Result<()> {
     }
     let _series = args.vtu.as_deref().map(lock::folder).transpose()?;
     let trajectories = validate::trajectories(&args.data, &args.split, &model.spec)?;
-    // One trajectory is pictured: the first of the split that counts.
+    // Of one trajectory, the first of the split that counts.
     let shown = trajectories.iter().position(|(t, _)| t.split() == Split::Test);
     let shown = shown.unwrap_or(0);
-    let keep = match (&args.vtu, &args.html) {
-        (Some(_), _) => Keep::All,
-        (None, Some(_)) => Keep::Shown,
-        (None, None) => Keep::Nothing,
-    };
     let total = trajectories.len();
     let progress = Progress::new(trajectories.iter().map(|(_, p)| validate::steps(*p)).sum())?;
     let mut cases: Vec<Case> = Vec::new();
     for (i, (trajectory, _)) in trajectories.iter().enumerate() {
-        let keep = if i == shown { keep } else { Keep::Nothing };
+        let keep = if args.vtu.is_some() && i == shown { Keep::All } else { Keep::Nothing };
         let mut advance = || progress.advance();
         let case = validate::run(&model, trajectory, &options, (args.horizon, keep), &mut advance);
         let case = name_file(case, trajectory.path())?;
@@ -107,9 +96,6 @@ pub fn run(args: Args) -> Result<()> {
         println!("  {}\n", summary.line());
     }
     crate::write_json(args.json.as_deref(), &validate::json(&cases))?;
-    if let Some(path) = &args.html {
-        validate::report(&args.model.display().to_string(), &model.spec, &cases)?.write(path)?;
-    }
     if let Some(folder) = &args.vtu {
         validate::write_series(folder, &cases[shown])?;
     }

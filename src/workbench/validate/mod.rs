@@ -14,16 +14,13 @@
 //! (the smallest of all steps, in mean edges): see [`Shape`].
 
 mod baselines;
-mod html;
 pub mod pace;
-mod pictures;
 mod prediction;
 mod scene;
 mod series;
 mod shape;
 mod summary;
 
-pub use html::report;
 pub use pace::Pace;
 pub use prediction::{FieldErrors, Keep, Prediction};
 pub use scene::{Given, Scene, Step, predicted};

@@ -4,7 +4,7 @@ use m4gn_domain::body::quality::Quality;
 use m4gn_train::errors::SquaredError;
 use std::collections::BTreeMap;
 
-/// Parts of a rollout after which there are pictures.
+/// Parts of a rollout after which errors are told segment by segment.
 const SHOWN: [f64; 3] = [0.1, 0.4, 1.0];
 
 /// Which states of a rollout are kept.
@@ -12,7 +12,7 @@ const SHOWN: [f64; 3] = [0.1, 0.4, 1.0];
 pub enum Keep {
     /// None.
     Nothing,
-    /// Those that pictures show.
+    /// Those after these parts.
     Shown,
     /// All.
     All,

@@ -160,7 +160,7 @@ impl<'a> Scene<'a> {
     }
 
     /// RMSE of the headline field in `kept` states, by the step that they are behind, over the nodes of each segment (the data of the
-    /// paper's Figure 6); of the states that pictures show.
+    /// paper's Figure 6); of those of [`Keep::Shown`].
     pub(super) fn over_segments(
         &self,
         kept: &BTreeMap<usize, Vec<f64>>,
