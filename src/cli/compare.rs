@@ -99,8 +99,7 @@ pub fn run(args: Args) -> Result<()> {
 
     super::write_json(args.json.as_deref(), &comparison.json()?)?;
     if let Some(path) = &args.html {
-        let picture = comparison.picture(&a.polygons()?, &snapshots);
-        comparison.report(picture.as_ref())?.write(path)?;
+        comparison.report(&a.polygons()?, &snapshots)?.write(path)?;
     }
     for path in [&args.json, &args.html].into_iter().flatten() {
         println!("  wrote {}", path.display());

@@ -1,21 +1,16 @@
 //! What people look at: self-contained HTML pages with tables, charts (SVG) and pictures of fields (PNG), and files
 //! for ParaView.
 
-pub mod cells;
 pub mod chart;
 pub mod page;
 pub mod picture;
-pub mod raster;
 pub mod series;
-pub mod snapshot;
 pub mod table;
 pub mod vtu;
 
-pub use cells::CellMap;
 pub use chart::{Chart, Series};
 pub use page::Page;
-pub use picture::FieldPicture;
-pub use snapshot::Snapshot;
+pub use picture::{CellMap, Snapshot};
 pub use table::Table;
 pub use vtu::Grid;
 

@@ -1,6 +1,7 @@
 //! One HTML file with everything in it.
 
-use super::{Table, write_file};
+use super::picture::Scale;
+use super::{Table, number, write_file};
 use base64::{Engine, engine::general_purpose::STANDARD};
 use m4gn_base::Result;
 use std::path::Path;
@@ -9,6 +10,7 @@ const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;color:#222;max-widt
 h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2.2rem}table{border-collapse:collapse;margin:1rem 0;font-variant-numeric:tabular-nums}\
 th,td{padding:.25rem .8rem;text-align:right;border-bottom:1px solid #ddd}th:first-child,td:first-child{text-align:left}\
 thead th{border-bottom:2px solid #888}figure{margin:1.2rem 0}figcaption{color:#555;font-size:.9rem}\
+.grid{display:grid;gap:.6rem;font-size:.8rem}.grid figure{margin:0}.ticks{display:flex;justify-content:space-between}\
 img,svg{max-width:100%;height:auto}p.verdict{font-size:1.1rem}pre{background:#f6f6f6;padding:.8rem;overflow-x:auto;font-size:.85rem}";
 
 /// Replaces what HTML would read as markup.
@@ -56,13 +58,29 @@ impl Page {
             &format!("<figure>{}<figcaption>{}</figcaption></figure>\n", &svg[start..], escape(caption));
     }
 
-    /// A PNG picture, embedded; `width` is the width on the page in pixels.
-    pub fn png(&mut self, png: &[u8], width: usize, caption: &str) {
-        self.body += &format!(
-            "<figure><img width=\"{width}\" alt=\"{0}\" src=\"data:image/png;base64,{1}\"><figcaption>{0}</figcaption></figure>\n",
-            escape(caption),
-            STANDARD.encode(png)
-        );
+    /// Pictures (PNG) with their captions, embedded, in a column for each scale, whose colours stand below.
+    pub(super) fn pictures(&mut self, pictures: &[(String, Vec<u8>)], scales: &[&Scale]) {
+        self.body +=
+            &format!("<div class=\"grid\" style=\"grid-template-columns:repeat({},1fr)\">\n", scales.len());
+        for (caption, png) in pictures {
+            self.body += &format!(
+                "<figure><figcaption>{0}</figcaption><img alt=\"{0}\" src=\"data:image/png;base64,{1}\"></figure>\n",
+                escape(caption),
+                STANDARD.encode(png)
+            );
+        }
+        for scale in scales {
+            let colours: Vec<String> =
+                scale.colours.iter().map(|[r, g, b]| format!("rgb({r},{g},{b})")).collect();
+            let ticks = [0.0, 0.5, 1.0].map(|x| format!("<span>{}</span>", number(x * scale.high, 3)));
+            self.body += &format!(
+                "<div>{}<div style=\"height:14px;background:linear-gradient(90deg,{})\"></div><div class=\"ticks\">{}</div></div>\n",
+                escape(&scale.label),
+                colours.join(","),
+                ticks.concat()
+            );
+        }
+        self.body += "</div>\n";
     }
 
     /// The whole page.
@@ -92,7 +110,8 @@ mod tests {
         let mut page = Page::new("A & B");
         page.paragraph("x < y");
         page.svg("<?xml version=\"1.0\"?><svg></svg>", "chart");
-        page.png(&[1, 2, 3], 10, "picture");
+        let scale = Scale { label: "|U| [m/s]".into(), high: 2.0, colours: &[[0; 3], [1, 2, 3]] };
+        page.pictures(&[("picture".into(), vec![1, 2, 3])], &[&scale]);
         let html = page.html();
         assert!(
             html.contains("<title>A &amp; B</title>")

@@ -1,18 +1,14 @@
-//! The comparison as tables, a page to read and a picture to show.
+//! The comparison as tables and as a page with charts and pictures.
 
 use super::{Comparison, tables};
 use crate::errors::FieldErrors;
 use crate::foam_case::Polygons;
 use m4gn_base::Result;
 use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
-use m4gn_report::raster::Raster;
-use m4gn_report::{CellMap, Chart, Page, Series, Snapshot, Table, number, percent, seconds, snapshot};
+use m4gn_report::{CellMap, Chart, Page, Series, Snapshot, Table, number, percent, seconds};
 
 /// A figure of both runs: what it is, A and B, and the error.
 pub(super) type Row = (String, [Option<f64>; 2], String);
-
-/// Width of one panel, pixels.
-const PANEL: usize = 520;
 
 /// Horizons of the tables, in stored times.
 const HORIZONS: [usize; 6] = [1, 2, 5, 10, 20, 50];
@@ -109,22 +105,11 @@ impl Comparison {
         Some(format!("replaced {} of the simulated time after start-up", percent(fraction)))
     }
 
-    /// Magnitudes of the headline of the full and the hybrid run and their difference, one row a snapshot. None where there is
-    /// no 2-D mesh.
-    pub fn picture(&self, polygons: &Polygons, snapshots: &[Snapshot]) -> Option<Raster> {
-        let map = CellMap::from_polygons(&polygons.start, &polygons.points, PANEL)?;
-        if snapshots.is_empty() {
-            return None;
-        }
-        let [_, field, unit] = self.names();
-        Some(snapshot::picture(map, ["full", "hybrid"], [field, unit], snapshots).raster())
-    }
-
-    /// The report.
+    /// The report, with the magnitudes of the headline in both runs and their difference, one row a snapshot, where there is a 2-D mesh.
     ///
     /// # Errors
-    /// Of a chart that cannot be drawn.
-    pub fn report(&self, picture: Option<&Raster>) -> Result<Page> {
+    /// Of a chart or a picture that cannot be made.
+    pub fn report(&self, polygons: &Polygons, snapshots: &[Snapshot]) -> Result<Page> {
         let mut page = Page::new("Hybrid run against the full run");
         let [name, field, unit] = self.names();
         page.heading("Time");
@@ -163,12 +148,8 @@ impl Comparison {
         }
 
         page.heading("Fields");
-        match picture {
-            Some(raster) => page.png(
-                &raster.png()?,
-                raster.width,
-                &format!("Magnitude of the {name}, and of the difference."),
-            ),
+        match CellMap::new(&polygons.start, &polygons.points).filter(|_| !snapshots.is_empty()) {
+            Some(map) => page.snapshots(&map, ["full", "hybrid"], [field, unit], snapshots)?,
             None => page.paragraph("Pictures are drawn of 2-D flows (with empty patches) only."),
         }
 
