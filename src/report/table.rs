@@ -29,30 +29,6 @@ impl Table {
         std::iter::once(&self.headers).chain([&rule]).chain(&self.rows).map(|l| line(l)).collect()
     }
 
-    /// The table in LaTeX (booktabs).
-    pub fn latex(&self) -> String {
-        let cell = |text: &String| {
-            let marked: String = text
-                .chars()
-                .map(|c| match c {
-                    '%' | '&' | '_' | '#' | '$' | '{' | '}' => format!("\\{c}"),
-                    '±' => r"$\pm$".into(),
-                    '^' | '~' | '\\' => format!("\\char{}{{}}", c as u32),
-                    c => c.to_string(),
-                })
-                .collect();
-            marked
-        };
-        let line =
-            |cells: &[String]| format!("{} \\\\\n", cells.iter().map(cell).collect::<Vec<_>>().join(" & "));
-        let body: String = self.rows.iter().map(|r| line(r)).collect();
-        format!(
-            "\\begin{{tabular}}{{l{}}}\n\\toprule\n{}\\midrule\n{body}\\bottomrule\n\\end{{tabular}}\n",
-            "r".repeat(self.headers.len().saturating_sub(1)),
-            line(&self.headers)
-        )
-    }
-
     /// The table in HTML.
     pub fn html(&self) -> String {
         let line = |tag: &str, cells: &[String]| {
@@ -100,11 +76,5 @@ mod tests {
         assert_eq!(table.to_string(), "         RMSE-1\n  -----  ------\n  a < b     0.5\n  model    0.25\n");
         assert!(table.html().contains("<td>a &lt; b</td><td>0.5</td>"));
         assert!(table.markdown().starts_with("|  | RMSE-1 |\n| --- | --- |\n| a < b | 0.5 |\n"));
-        table.row(["50 % & more", "1 ± 2"]);
-        assert!(
-            table.latex().contains("50 \\% \\& more & 1 $\\pm$ 2 \\\\\n\\bottomrule"),
-            "{}",
-            table.latex()
-        );
     }
 }

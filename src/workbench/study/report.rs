@@ -1,8 +1,8 @@
-//! What came of a study: a table a test, for people (text, HTML, Markdown, LaTeX) and for programs (JSON).
+//! What came of a study: a table a test, for people (text, Markdown) and for programs (JSON).
 
 use super::{Cell, Data, Failure, Plan};
 use m4gn_base::{Result, files};
-use m4gn_report::{Page, Table, number};
+use m4gn_report::{Table, number};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -120,27 +120,15 @@ impl Report {
         self.sections.iter().map(one).collect()
     }
 
-    /// Writes `study.json`, `study.html`, `study.md` and `study.tex` into a folder.
+    /// Writes `study.json` and `study.md` into a folder.
     ///
     /// # Errors
     /// [`m4gn_base::Error::File`] for the one that cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
-        let mut page = Page::new(&self.title);
-        let (mut markdown, mut latex) = (format!("# {}\n", self.title), String::new());
-        for s in &self.sections {
-            page.heading(&s.heading);
-            page.paragraph(&s.note);
-            page.table(&s.table);
-            markdown += &format!("\n## {}\n\n{}\n\n{}", s.heading, s.note, s.table.markdown());
-            latex += &format!("% {}: {}\n{}\n", s.heading, s.note, s.table.latex());
-        }
-        page.write(&folder.join("study.html"))?;
-        for (name, text) in
-            [("study.md", markdown), ("study.tex", latex), ("study.json", format!("{:#}\n", self.json))]
-        {
-            files::write_whole(&folder.join(name), text.as_bytes())?;
-        }
-        Ok(())
+        let section = |s: &Section| format!("\n## {}\n\n{}\n\n{}", s.heading, s.note, s.table.markdown());
+        let sections: String = self.sections.iter().map(section).collect();
+        files::write_whole(&folder.join("study.md"), format!("# {}\n{sections}", self.title).as_bytes())?;
+        files::write_whole(&folder.join("study.json"), format!("{:#}\n", self.json).as_bytes())
     }
 }
 
@@ -284,7 +272,7 @@ fn section(
         note += ".";
     }
     for f in failures.iter().filter(|f| f.data == data.name) {
-        // In a line: it becomes a comment as well.
+        // In a line
         let error: Vec<&str> = f.error.split_whitespace().collect();
         note +=
             &format!(" Failed: {}, seed {}: {}.", f.network, f.seed, error.join(" ").trim_end_matches('.'));
@@ -385,7 +373,6 @@ mod tests {
         report.write(dir.path()).unwrap();
         let read = |name: &str| std::fs::read_to_string(dir.path().join(name)).unwrap();
         assert!(read("study.md").contains("| M4GN | 2 of 2 | 1234 |"), "{}", read("study.md"));
-        assert!(read("study.tex").contains(r"$\pm$") && read("study.html").contains("<td>M4GN</td>"));
     }
 
     /// A seed that failed is in no mean, and in no margin; every table says so.
@@ -406,17 +393,15 @@ mod tests {
         let report = Report::new(&plan("[1, 2, 3]"), &cells, &failures);
         let dir = tempfile::tempdir().unwrap();
         report.write(dir.path()).unwrap();
-        for name in ["study.md", "study.html", "study.tex"] {
-            let text = std::fs::read_to_string(dir.path().join(name)).unwrap();
-            for expected in [
-                "2 of 3",
-                "0 of 3",
-                "Failed: M4GN, seed 2: log.train: m4gn failed: it has diverged. Failed: GCN, seed 3: ",
-                // 0.2 over 0.5, those of seed 1
-                "RMSE-all of M4GN is 60 % below that of the best network of another kind, GCN, over the seeds that both have: 1.",
-            ] {
-                assert!(text.contains(expected), "{name}, {expected}: {text}");
-            }
+        let text = std::fs::read_to_string(dir.path().join("study.md")).unwrap();
+        for expected in [
+            "2 of 3",
+            "0 of 3",
+            "Failed: M4GN, seed 2: log.train: m4gn failed: it has diverged. Failed: GCN, seed 3: ",
+            // 0.2 over 0.5, those of seed 1
+            "RMSE-all of M4GN is 60 % below that of the best network of another kind, GCN, over the seeds that both have: 1.",
+        ] {
+            assert!(text.contains(expected), "{expected}: {text}");
         }
         assert_eq!((report.failures, &report.json["tests"][0]["margin_seeds"]), (5, &json!([1])));
         assert_eq!(
