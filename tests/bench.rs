@@ -34,8 +34,6 @@ fn figures_of_a_small_network() {
             "gemm_peak_gflops",
             "peak_share",
             "edge_block_share",
-            "bandwidth_gbytes_per_s",
-            "bandwidth_share",
             "peak_memory_mib",
         ] {
             assert!(found[key].as_f64().is_some_and(|v| v != 0.0), "{key}: {found}");

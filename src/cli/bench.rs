@@ -13,7 +13,7 @@ use m4gn_step::Backend;
 use m4gn_structure::Structure;
 use m4gn_workbench::bench;
 use m4gn_workbench::bench::memory::Memory;
-use m4gn_workbench::bench::{Runs, Shape, Source, Trial, Workload, machine, memory, work};
+use m4gn_workbench::bench::{Runs, Shape, Source, Trial, Workload, machine, memory};
 use serde_json::{Value, json};
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
@@ -22,8 +22,8 @@ use std::time::{Duration, Instant};
 /// Measure a step of a network: time, work, memory, and what part of the machine's peak that is
 ///
 /// Without --model, a network with random weights; without --data, a made graph: an O-mesh of triangles with the
-/// points as nodes, or with --hex a cube of hexahedra with the cells as nodes. The peaks of matrix products and of
-/// the memory are measured in the same run.
+/// points as nodes, or with --hex a cube of hexahedra with the cells as nodes. The peak of matrix products is
+/// measured in the same run.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Model (*.safetensors) [default: random weights of the shape below]
@@ -172,12 +172,6 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
     let before = Memory::read();
     memory::restart_peak();
     let structure = workload.structure()?;
-    let sizes = work::Sizes {
-        nodes: structure.graph.n_owned,
-        cells: structure.graph.n_cells,
-        edges: structure.graph.senders.len(),
-        segments: structure.n_segments(),
-    };
     let description = workload.describe(&structure.graph);
     let (inputs, mut outputs) = workload.values(&structure.graph)?;
     let mut network = workload.engine(&structure, &options)?;
@@ -196,25 +190,19 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
         peak.units = peak.units.max(again.units);
         peak.product = peak.product.max(again.product);
     }
-    let bandwidth = machine::bandwidth(args.threads, 10);
-
-    let encoded = held.iter().any(|(what, bytes)| *what == "encoded edges" && *bytes > 0);
-    let work = work::step(&workload.model.spec, sizes, work::Storage::of(options.precision), encoded);
-    let gflop = work.iter().map(|w| w.flops).sum::<f64>() * 1e-9;
-    let gbytes = work.iter().map(|w| w.bytes).sum::<f64>() * 1e-9;
+    let gflop = profile.flops.iter().sum::<f64>() * 1e-9;
     let seconds = step.median() * 1e-3;
     // Of a thread that does nothing else: its share of the machine's peak, and of the profiled time.
     let (threads, steps) = (args.threads as f64, profile.steps.max(1) as f64);
     // What other programs left of the processor while the steps ran: the peak is of moments in which they left all.
     let available = (step.busy / threads).min(1.0);
-    let phases: Vec<Value> = work
-        .iter()
-        .map(|w| {
-            let ms = profile.phases[w.phase as usize] / steps / threads * 1e3;
-            let gflops = w.flops * 1e-6 / ms;
+    let phases = Phase::ALL.iter().zip(profile.phases).zip(profile.flops).filter(|(_, flops)| *flops > 0.0);
+    let phases: Vec<Value> = phases
+        .map(|((phase, time), flops)| {
+            let ms = time / steps / threads * 1e3;
+            let gflops = flops * 1e-6 / ms;
             json!({
-                "phase": w.phase.name(), "ms": ms, "gflop": w.flops * 1e-9, "gflops": gflops,
-                "peak_share": gflops / peak.gflops(), "gbytes": w.bytes * 1e-9,
+                "phase": phase.name(), "ms": ms, "gflop": flops * 1e-9, "gflops": gflops, "peak_share": gflops / peak.gflops(),
             })
         })
         .collect();
@@ -233,8 +221,6 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
         "processor_share": available, "ms_of_processor": step.median() * available, "peak_share_of_processor_time": gflop / seconds / peak.gflops() / available,
         "edge_block_share_of_processor_time":
             edges.and_then(|e| e["peak_share"].as_f64()).map(|share| share / available),
-        "gbytes_per_step": gbytes, "gbytes_per_s": gbytes / seconds,
-        "bandwidth_gbytes_per_s": bandwidth * 1e-9, "bandwidth_share": gbytes / seconds / (bandwidth * 1e-9),
         "peak_memory_mib": after.map(|m| mib(m.peak)), "mesh_memory_mib": before.map(|m| mib(m.now)),
         "memory_beyond_mesh_mib": after.zip(before).map(|(a, b)| mib(a.peak.saturating_sub(b.now))),
         "profiled_ms": profile.seconds / steps * 1e3, "phases": phases, "held": held,
@@ -253,7 +239,6 @@ const SHARED: &str = "            others used the processor: it ran {processor_s
 
 const PARTS: &str = "\
 products    {gflop_per_step:3} GFLOP, {gflops:0} GFLOP/s: {peak_share:0%} % of the peak of {gemm_peak_gflops:0} GFLOP/s (n x 128 x 128 alone: {gemm_product_gflops:0})
-traffic     {gbytes_per_step:3} GB, {gbytes_per_s:1} GB/s: {bandwidth_share:0%} % of the {bandwidth_gbytes_per_s:1} GB/s of a triad in memory
 memory      {peak_memory_mib:0} MiB at most, {memory_beyond_mesh_mib:0} MiB of it beyond the mesh
 ";
 
@@ -281,7 +266,6 @@ fn phases(list: &Value) -> Table {
         ("GFLOP", "{gflop:3}"),
         ("GFLOP/s", "{gflops:0}"),
         ("of peak", "{peak_share:0%} %"),
-        ("GB", "{gbytes:3}"),
     ];
     let mut table = Table::new(columns.iter().map(|c| c.0));
     for phase in list.as_array().into_iter().flatten() {

@@ -292,7 +292,10 @@ fn memory_and_profile_add_up() {
     assert_eq!(profile.steps, 3);
     let sum: f64 = profile.phases.iter().sum();
     assert!(sum > 0.0 && sum <= profile.seconds, "{profile:?}");
-    assert!(profile.flops[Phase::Edges as usize] > 0.0);
+    let (graph, a) = (&case.structure.graph, &case.model.spec.architecture);
+    let rows = graph.senders.len() * (1 + a.hidden_layers) + graph.n_owned;
+    let flops = (a.layers() * rows * 2 * a.width * a.width) as f64;
+    assert_eq!(profile.flops[Phase::Edges as usize], flops);
     // Width 8 is padded to 16; bf16.
     let edges = engine.memory().iter().find(|(n, _)| *n == "edge latents").unwrap().1;
     assert_eq!(edges, (case.structure.graph.senders.len() * 16 * 2).next_multiple_of(64));

@@ -7,7 +7,6 @@ pub mod machine;
 pub mod memory;
 mod timing;
 mod training;
-pub mod work;
 mod workload;
 
 pub use export::export;
