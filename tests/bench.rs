@@ -28,14 +28,9 @@ fn figures_of_a_small_network() {
         assert!(text.contains("edge blocks") && text.contains("encode nodes"), "{text}");
         let found: serde_json::Value =
             serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
-        for key in [
-            "ms_per_step",
-            "gflops",
-            "gemm_peak_gflops",
-            "peak_share",
-            "edge_block_share",
-            "peak_memory_mib",
-        ] {
+        for key in
+            ["ms_per_step", "gflops", "gemm_peak_gflops", "peak_share", "edge_block_share", "peak_memory_mib"]
+        {
             assert!(found[key].as_f64().is_some_and(|v| v != 0.0), "{key}: {found}");
         }
         // 4 x 15 points: 3 V - 2 x 4 edges in both directions.

@@ -227,18 +227,19 @@ fn a_training_has_its_files_for_itself() {
 fn every_kind_is_trained_saved_and_validated() {
     let folder = folder();
     for (kind, depth, layers) in [
-        ("gcn", "layers", "2 graph convolutions"),
-        ("mesh-graph-net", "layers", "2 message-passing layers"),
-        ("bsms-gnn", "levels", "5 message-passing layers on 2 coarser graphs"),
-        ("g-u-net", "levels", "5 message-passing layers on 2 coarser graphs"),
-        ("eagle", "", "1 + 1 message-passing layers"),
+        ("gcn", "layers", "layers 2"),
+        ("mesh-graph-net", "layers", "layers 2"),
+        ("bsms-gnn", "levels", "levels 2"),
+        ("g-u-net", "levels", "levels 2"),
+        ("eagle", "", "layers_after 1, layers_before 1, segment_transformer ("),
     ] {
         std::fs::write(folder.path().join("config.toml"), config_of(kind, depth)).unwrap();
         let name = format!("{kind}.safetensors");
         trained(folder.path(), &name, &["--steps", "12"]);
         let said = m4gn(folder.path(), &["info", &name]);
-        assert!(said.contains(&format!("network     {kind}: width 16, {layers}")), "{said}");
-        assert_eq!(said.contains("macro       none"), !depth.is_empty(), "{said}");
+        let network = said.lines().find(|l| l.starts_with("architecture ")).unwrap();
+        assert!(network.contains(&format!("kind {kind}, ")) && network.contains("width 16"), "{said}");
+        assert!(network.contains(layers) && said.contains("\nsegments") == depth.is_empty(), "{said}");
         let figures = folder.path().join("figures.json");
         let _ = std::fs::remove_file(&figures);
         m4gn(folder.path(), &["validate", "--model", &name, "--data", "data", "--json", "figures.json"]);

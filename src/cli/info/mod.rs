@@ -6,7 +6,7 @@ use super::write_json;
 use m4gn_base::{Error, Result};
 use m4gn_data::{Frame, Split, Trajectory, list};
 use m4gn_mesh::{Mesh, NodeType};
-use m4gn_model::{Kind, Model, NodeSums, TrainedOn, WorldEdges};
+use m4gn_model::{Model, TrainedOn};
 use m4gn_report::number;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -99,8 +99,7 @@ fn trajectory(t: &Trajectory) -> Result<(String, Value)> {
     figures["fields"] = fields.into();
     if let Some(entries) = t.provenance().as_object() {
         for (key, value) in entries {
-            let value = value.as_str().map_or_else(|| value.to_string(), str::to_string);
-            let _ = writeln!(text, "provenance  {key:<16} {value}");
+            let _ = writeln!(text, "provenance  {key:<16} {}", words(value));
         }
     }
     Ok((text, figures))
@@ -216,11 +215,6 @@ fn model(path: &Path) -> Result<(String, Value)> {
     let numbers: usize = model.tensors.values().map(|t| t.data.len()).sum();
     let bytes = path.metadata().map_or(0, |m| m.len());
     let mut text = format!("{}: model, {:.2} MB, {numbers} numbers\n", path.display(), megabytes(bytes));
-    let a = &spec.architecture;
-    let _ = writeln!(text, "stride      {} s in {} directions", short(spec.stride), spec.dim);
-    if let Some(length) = spec.resolution {
-        let _ = writeln!(text, "resolution  {length} m between nodes; finer meshes are agglomerated to it");
-    }
     for field in &spec.fields {
         let input = if field.input { "input" } else { "no input" };
         let output = format!("{:?}", field.output).to_lowercase();
@@ -228,84 +222,44 @@ fn model(path: &Path) -> Result<(String, Value)> {
         let floor = field.floor.map_or(String::new(), |floor| format!(", positive, floor {floor}"));
         let _ = writeln!(text, "field       {:<16} [{d}], {input}, output {output}{floor}", field.name);
     }
-    let layers = match &a.kind {
-        Kind::M4gn(m) | Kind::Eagle(m) => {
-            format!("{} + {} message-passing layers", m.layers_before, m.layers_after)
+    let header = serde_json::to_value(spec).map_err(|e| Error::Internal(format!("a model's header: {e}")))?;
+    for key in
+        ["dim", "stride", "resolution", "node_types", "architecture", "segments", "contact", "precision"]
+    {
+        let needed = key != "segments" || spec.architecture.needs().segments;
+        if let Some(value) = header.get(key).filter(|_| needed) {
+            let _ = writeln!(text, "{:<11} {}", key.replace('_', " "), words(value));
         }
-        Kind::MeshGraphNet { layers } => format!("{layers} message-passing layers"),
-        Kind::Gcn { layers } => format!("{layers} graph convolutions"),
-        Kind::BsmsGnn { levels } | Kind::GUNet { levels } => {
-            format!("{} message-passing layers on {levels} coarser graphs", a.layers())
-        }
-    };
-    let types: Vec<&str> = spec.node_types.iter().map(|t| t.name()).collect();
-    let _ = writeln!(text, "node types  {}", types.join(", "));
-    let mut switches = String::new();
-    if a.micro.node_sums == NodeSums::Before {
-        switches += ", node sums before";
-    }
-    if a.micro.world_edges == WorldEdges::Apart {
-        switches += ", world edges apart";
-    }
-    if a.micro.node_rwse_steps > 0 {
-        let _ = write!(switches, ", {} random-walk steps of the nodes", a.micro.node_rwse_steps);
-    }
-    let _ = writeln!(
-        text,
-        "network     {}: width {}, {layers}, MLPs with {} hidden layers, {:?}{switches}",
-        a.name().name(),
-        a.width,
-        a.hidden_layers,
-        a.activation
-    );
-    let _ = writeln!(text, "precision   trained in {}", spec.precision.name());
-    if let Some(contact) = &spec.contact {
-        let _ = writeln!(
-            text,
-            "contact     bodies at points; world edges within {} m of an obstacle's",
-            contact.radius
-        );
-    }
-    match a.segment_transformer() {
-        Some(m) => {
-            let s = &spec.segments;
-            let _ = writeln!(
-                text,
-                "macro       {} layers, {} heads, feed-forward width {}, {} random-walk steps{}{}",
-                m.layers,
-                m.heads,
-                m.ffn_width,
-                m.rwse_steps,
-                if m.centroids { ", centroids" } else { "" },
-                if m.offsets { ", offsets" } else { "" }
-            );
-            let _ = writeln!(
-                text,
-                "segments    {} by {}, {} modes, tau {}, overlap {}{}",
-                s.count,
-                s.method,
-                s.modes,
-                s.tau,
-                s.overlap,
-                if s.connected { ", connected" } else { "" }
-            );
-        }
-        None => text += "macro       none\n",
     }
     for [what, values] in spec.trained_on.iter().flat_map(TrainedOn::described) {
         let _ = writeln!(text, "trained on  {what:<32} {values}");
     }
     if let Some(entries) = spec.training.as_object() {
         for (key, value) in entries {
-            let value = value.as_str().map_or_else(|| value.to_string(), str::to_string);
-            let _ = writeln!(text, "training    {key:<16} {value}");
+            let _ = writeln!(text, "training    {key:<16} {}", words(value));
         }
     }
-    let spec = serde_json::to_value(spec).map_err(|e| Error::Internal(format!("a model's header: {e}")))?;
     Ok((
         text,
-        json!({"kind": "model", "path": path.to_string_lossy(), "bytes": bytes, "parameters": numbers, "spec": spec}),
+        json!({"kind": "model", "path": path.to_string_lossy(), "bytes": bytes, "parameters": numbers, "spec": header}),
     ))
+}
+
+/// Entries of a header or a provenance in a line: names and values, those of an entry of its own in brackets.
+fn words(value: &Value) -> String {
+    let inner = |value: &Value| match value {
+        Value::Object(_) => format!("({})", words(value)),
+        _ => words(value),
+    };
+    match value {
+        Value::String(text) => text.clone(),
+        Value::Array(list) => list.iter().map(inner).collect::<Vec<_>>().join(" "),
+        Value::Object(entries) => {
+            let given = entries.iter().filter(|(_, value)| !value.is_null());
+            given.map(|(key, value)| format!("{key} {}", inner(value))).collect::<Vec<_>>().join(", ")
+        }
+        _ => value.to_string(),
+    }
 }
 
 /// Times without the noise of their last digits.
