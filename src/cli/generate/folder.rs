@@ -98,36 +98,30 @@ fn make(args: Args, family: Family) -> Result<()> {
             command: command.clone(),
         })
     };
-    args.common.make(
-        folder,
-        environment,
-        case,
-        |case, made| {
-            let line = format!(
-                "{:04}  {:<5}  {}  {} cells  {} frames  {:.1} MB  {:.1} s",
-                case.index,
-                case.split.name(),
-                case.draw.text(&case.family.label),
-                made.figures.cells,
-                made.figures.frames,
-                made.bytes as f64 * 1e-6,
-                made.seconds
-            );
-            let parameters: serde_json::Map<_, _> =
-                case.draw.values.iter().map(|(name, value)| (name.clone(), json!(value))).collect();
-            let derived: serde_json::Map<_, _> = case
-                .family
-                .derived
-                .iter()
-                .filter(|d| d.record)
-                .map(|d| (d.name.clone(), json!(case.draw.variables[&d.name])))
-                .collect();
-            let entry = json!({
-                "index": case.index, "split": case.split.name(), "parameters": parameters, "derived": derived,
-                "result": made,
-            });
-            (line, entry)
-        },
-        |_| (String::new(), json!({})),
-    )
+    args.common.make(folder, environment, case, |case, made| {
+        let line = format!(
+            "{:04}  {:<5}  {}  {} cells  {} frames  {:.1} MB  {:.1} s",
+            case.index,
+            case.split.name(),
+            case.draw.text(&case.family.label),
+            made.figures.cells,
+            made.figures.frames,
+            made.bytes as f64 * 1e-6,
+            made.seconds
+        );
+        let parameters: serde_json::Map<_, _> =
+            case.draw.values.iter().map(|(name, value)| (name.clone(), json!(value))).collect();
+        let derived: serde_json::Map<_, _> = case
+            .family
+            .derived
+            .iter()
+            .filter(|d| d.record)
+            .map(|d| (d.name.clone(), json!(case.draw.variables[&d.name])))
+            .collect();
+        let entry = json!({
+            "index": case.index, "split": case.split.name(), "parameters": parameters, "derived": derived,
+            "result": made,
+        });
+        (line, entry)
+    })
 }

@@ -123,14 +123,13 @@ impl Common {
     }
 
     /// Makes the cases `case(index, split)` in `folder`. `describe` gives the line that a made case prints and its
-    /// entry among the figures; `whole` the figures of the family as a whole.
+    /// entry among the figures.
     fn make<C: Case>(
         &self,
         folder: PathBuf,
         environment: Vec<(String, OsString)>,
         case: impl Fn(u64, Split) -> Result<C>,
         describe: impl Fn(&C, &Made<C::Figures>) -> (String, Value),
-        whole: impl Fn(&[Value]) -> (String, Value),
     ) -> Result<()> {
         let split = self.asked_split()?;
         let _claimed = claim_outputs([self.json.as_deref()], [])?;
@@ -184,9 +183,8 @@ impl Common {
             bar.finish_and_clear();
         }
         let seconds = start.elapsed().as_secs_f64();
-        let (line, extra) = whole(&tally.made);
-        println!("{}{line}", tally.summary(&queue.folder, seconds));
-        write_json(self.json.as_deref(), &tally.figures(self.count, self.seed, seconds, extra))?;
+        println!("{}", tally.summary(&queue.folder, seconds));
+        write_json(self.json.as_deref(), &tally.figures(self.count, self.seed, seconds))?;
         result?;
         tally.fail_if_any(self.count)
     }

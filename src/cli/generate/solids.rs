@@ -7,7 +7,6 @@ use m4gn_workbench::generate::openfoam::{absolute, one_thread};
 use m4gn_workbench::generate::process::find_program;
 use m4gn_workbench::generate::queue::Made;
 use m4gn_workbench::generate::solids::{Family, Figures, POISSON, Request, find_python};
-use m4gn_workbench::signal::median;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -79,7 +78,7 @@ pub(super) fn run(solid: &SolidArgs, family: Family, large: bool) -> Result<()> 
             python: python.clone(),
         })
     };
-    common.make(absolute(&common.out)?, environment, case, describe, whole)
+    common.make(absolute(&common.out)?, environment, case, describe)
 }
 
 fn describe(case: &Request, made: &Made<Figures>) -> (String, Value) {
@@ -96,24 +95,6 @@ fn describe(case: &Request, made: &Made<Figures>) -> (String, Value) {
         made.seconds
     );
     (line, json!({"index": case.index, "split": case.split.name(), "result": made}))
-}
-
-/// Redraws, worst gap and median times of what was made now.
-fn whole(made: &[Value]) -> (String, Value) {
-    let of = |key: &str| made.iter().filter_map(|m| m["result"][key].as_f64()).collect::<Vec<_>>();
-    let redraws: usize = made.iter().filter_map(|m| Some(m["result"]["redraws"].as_array()?.len())).sum();
-    let Some(worst) = of("worst_gap").into_iter().min_by(f64::total_cmp) else {
-        return (String::new(), json!({}));
-    };
-    let median = |values| median(values).unwrap_or(f64::NAN);
-    let (cpu, wall) = (median(of("cpu_seconds")), median(of("seconds")));
-    let line = format!(
-        "; {redraws} redraws, worst gap {worst:+.4} cells, median {cpu:.1} s of processor time, {wall:.1} s in all"
-    );
-    let figures = json!({
-        "redraws": redraws, "worst_gap": worst, "median_cpu_seconds": cpu, "median_seconds": wall,
-    });
-    (line, figures)
 }
 
 /// The folder that holds the package `m4gn_solids`: beside the libraries.

@@ -8,7 +8,7 @@ use std::path::Path;
 #[derive(Default)]
 pub(super) struct Tally {
     /// Figures of the cases that were made.
-    pub(super) made: Vec<Value>,
+    made: Vec<Value>,
     there: u64,
     failed: Vec<(u64, String)>,
     bytes: u64,
@@ -45,18 +45,14 @@ impl Tally {
         text
     }
 
-    /// The figures for `--json`; the entries of `extra` join them.
-    pub(super) fn figures(&self, count: u64, seed: u64, seconds: f64, extra: Value) -> Value {
+    /// The figures for `--json`.
+    pub(super) fn figures(&self, count: u64, seed: u64, seconds: f64) -> Value {
         let failed: Vec<_> =
             self.failed.iter().map(|(index, message)| json!({"index": index, "message": message})).collect();
-        let mut figures = json!({
+        json!({
             "count": count, "seed": seed, "made": self.made, "there_before": self.there, "failed": failed,
             "seconds": seconds, "bytes": self.bytes,
-        });
-        if let (Value::Object(figures), Value::Object(extra)) = (&mut figures, extra) {
-            figures.extend(extra);
-        }
-        figures
+        })
     }
 
     /// # Errors

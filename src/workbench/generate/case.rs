@@ -374,12 +374,21 @@ fn recorded(folder: &Path, frames: u32, solver: &str) -> Result<(PathBuf, Trajec
             ),
         ));
     }
-    let trajectory = Trajectory::open(&path)?;
-    let (found, expected) = (trajectory.times().len(), frames as usize + 1);
-    if found != expected {
-        return Err(Error::file(&path, format!("{found} frames were recorded, expected {expected}")));
-    }
+    let trajectory = whole(&path, frames)?;
     Ok((path, trajectory))
+}
+
+/// A trajectory that has `frames` frames after its first.
+///
+/// # Errors
+/// [`Error::File`] for another number of them, and as [`Trajectory::open`].
+pub(super) fn whole(path: &Path, frames: u32) -> Result<Trajectory> {
+    let trajectory = Trajectory::open(path)?;
+    let (found, expected) = (trajectory.times().len(), frames as usize + 1);
+    match found == expected {
+        true => Ok(trajectory),
+        false => Err(Error::file(path, format!("{found} frames were recorded, expected {expected}"))),
+    }
 }
 
 /// Largest of the solver's "Courant Number mean: ... max: ..." lines.

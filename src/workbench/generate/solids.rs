@@ -3,6 +3,7 @@
 //! The package runs in an environment of its own, which `setup/solids.sh` makes outside the checkout. It draws the
 //! parameters (again, where a draw has no quasi-static path), meshes with gmsh, simulates with FElupe and records.
 
+use super::case::whole;
 use super::process::Surroundings;
 use super::queue::{Case, other_number};
 use m4gn_base::plugin::folder_variable;
@@ -142,11 +143,7 @@ impl Case for Request {
                     .map_err(|e| Error::file(&result, format!("is not what was expected: {e}")))
             })?;
         let recorded = folder.join("trajectory.h5");
-        let trajectory = Trajectory::open(&recorded)?;
-        let (found, expected) = (trajectory.times().len(), self.frames as usize + 1);
-        if found != expected {
-            return Err(Error::file(&recorded, format!("{found} frames were recorded, expected {expected}")));
-        }
+        whole(&recorded, self.frames)?;
         Ok((recorded, figures))
     }
 
