@@ -183,7 +183,7 @@ def compare(args, python):
         for number, (title, layers, extra) in enumerate(cases):
             folder = pathlib.Path(scratch) / str(number)
             shape = ["--layers", layers, "--width", args.width, "--hidden", args.hidden, *extra]
-            network = export(m4gn, folder, [*shape, "--nodes", args.nodes])
+            network = json.loads(run([m4gn, "bench", "--export", folder, *shape, "--nodes", args.nodes]))
             for threads, batch in itertools.product(args.threads, args.batch if args.train else [0]):
                 print(
                     f"\n{title}, width {args.width}, {network['parameters']} parameters; {network['nodes']} nodes, "
@@ -201,12 +201,11 @@ def compare(args, python):
     return figures
 
 
-def export(m4gn, folder, options):
-    command = [str(x) for x in [m4gn, "bench", "--export", folder, *options]]
-    done = subprocess.run(command, capture_output=True, text=True)
+def run(command):
+    done = subprocess.run([str(x) for x in command], capture_output=True, text=True)
     if done.returncode != 0:
         raise Failure(done.stderr.strip())
-    return json.loads(done.stdout)
+    return done.stdout
 
 
 def with_libtorch():
@@ -258,7 +257,7 @@ def match(args, m4gn, python, folder, network, layers, threads, shape, batch):
                 process = start("m4gn on libtorch", [*own, "--backend", "torch"], threads, with_libtorch())
                 everybody[f"torch_{precision}"] = Contestant(f"m4gn on libtorch, {precision}", process)
         if python:
-            everybody |= physicsnemo(args, python, folder, threads, start, row, batch)
+            everybody |= physicsnemo(args, m4gn, python, folder, threads, start, row, batch)
         by_turns(everybody.values(), args.rounds)
         ms = row["ms"] = {name: c.median() for name, c in everybody.items()}
         row["processor_ms"] = {name: c.processor() for name, c in everybody.items()}
@@ -278,8 +277,9 @@ def match(args, m4gn, python, folder, network, layers, threads, shape, batch):
         return row
 
 
-def physicsnemo(args, python, folder, threads, start, row, batch):
+def physicsnemo(args, m4gn, python, folder, threads, start, row, batch):
     """As it comes, and its fastest ways here in fp32 and under bf16 autocast."""
+    run([m4gn, "convert", folder / "model.safetensors", "--as", "physicsnemo", "--out", folder / "physicsnemo.safetensors"])
     names = [name for name, (_, compiled) in VARIANTS.items() if not (compiled and args.no_compile)]
     request = {"folder": str(folder), "threads": threads, "variants": names, "batch": batch}
     script = [python, HOME / "bench/physicsnemo_worker.py", json.dumps(request)]

@@ -34,7 +34,7 @@ def serve(request):
     torch.set_num_threads(request["threads"])
     torch.set_num_interop_threads(1)
     folder = pathlib.Path(request["folder"])
-    weights, graph = load_file(folder / "model.safetensors"), load_file(folder / "graph.safetensors")
+    weights, graph, theirs = (load_file(folder / f"{name}.safetensors") for name in ["model", "graph", "physicsnemo"])
     topology = Data(edge_index=torch.stack([graph["senders"], graph["receivers"]]).long(), num_nodes=len(graph["inputs"]))
     normed = {k: (graph[v] - weights[f"norm.{k}.mean"]) / weights[f"norm.{k}.std"] for k, v in {"node": "inputs", "edge": "edge_features"}.items()}
     kinds = weights["encoder.node.0.weight"].shape[1] - normed["node"].shape[1]
@@ -49,7 +49,7 @@ def serve(request):
         sizes |= {f"hidden_dim_{part}": width for part in ["processor", "node_encoder", "edge_encoder", "node_decoder"]}
         outputs = len(weights[f"decoder.{hidden}.bias"])
         made = MeshGraphNet(nodes.shape[1], edges.shape[1], outputs, processor_size=layers, do_concat_trick=split, **sizes)
-        made.load_state_dict(translated(weights, layers, hidden, split))
+        made.load_state_dict(split_first(theirs) if split else theirs)
         return made.eval()
 
     batch = request.get("batch", 0)
@@ -110,37 +110,22 @@ def serve(request):
         answers.write(f"{wall * 1e3:.6f} {processor * 1e3:.6f}\n")
 
 
-def translated(weights, layers, hidden, split):
-    """m4gn's weights under PhysicsNeMo's names."""
-    import torch
-
-    state = {}
-
-    def perceptron(theirs, ours, norm=True, begin=0):
-        for i in range(begin, hidden + 1):
-            for part in ["weight", "bias"]:
-                state[f"{theirs}.{2 * i - begin}.{part}"] = weights[f"{ours}.{i}.{part}"]
-        for part in ["weight", "bias"] if norm else []:
-            state[f"{theirs}.{2 * hidden + 1 - begin}.{part}"] = weights[f"{ours}.norm.{part}"]
-
-    perceptron("node_encoder.model", "encoder.node")
-    perceptron("edge_encoder.model", "encoder.edge")
-    perceptron("node_decoder.model", "decoder", norm=False)
-    for layer in range(layers):
-        theirs = f"processor.processor_layers.{2 * layer}.edge_mlp"
-        ours = f"processor.{layer}.edge"
-        perceptron(f"{theirs}.model", ours, begin=int(split))
-        if split:
-            parts = weights[f"{ours}.0.weight"].chunk(3, 1)
-            for name, part in zip(["lin_efeat", "lin_src", "lin_dst"], parts):
-                state[f"{theirs}.{name}"] = part.contiguous()
-            state[f"{theirs}.bias"] = weights[f"{ours}.0.bias"]
-        theirs = f"processor.processor_layers.{2 * layer + 1}.node_mlp.model"
-        perceptron(theirs, f"processor.{layer}.node")
-        # Ours reads [h, sum of the edges], theirs [sum, h].
-        own, total = weights[f"processor.{layer}.node.0.weight"].chunk(2, 1)
-        state[f"{theirs}.0.weight"] = torch.cat([total, own], 1)
-    return state
+def split_first(state):
+    """The weights of a network whose edge networks have their first layer as three products."""
+    made = {}
+    for name, value in state.items():
+        head, _, rest = name.partition(".edge_mlp.model.")
+        number, _, part = rest.partition(".")
+        if not rest:
+            made[name] = value
+        elif number != "0":
+            made[f"{head}.edge_mlp.model.{int(number) - 1}.{part}"] = value
+        elif part == "bias":
+            made[f"{head}.edge_mlp.bias"] = value
+        else:
+            for name, columns in zip(["lin_efeat", "lin_src", "lin_dst"], value.chunk(3, 1)):
+                made[f"{head}.edge_mlp.{name}"] = columns.contiguous()
+    return made
 
 
 if __name__ == "__main__":
