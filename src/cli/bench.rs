@@ -181,7 +181,6 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
     let mut peak = machine::peak(&options);
     let step = runs.time(|| network.forward(&workload.comm, &inputs, &mut outputs))?;
     let after = Memory::read();
-    let held = network.memory();
     let profile = network.profile().unwrap_or_default();
     drop(network);
     // A machine that others use shows what it can do only now and then.
@@ -208,8 +207,6 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
         .collect();
     let edges = phases.iter().find(|p| p["phase"] == Phase::Edges.name());
     let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
-    let held: Vec<Value> =
-        held.iter().map(|(what, bytes)| json!({ "what": what, "mib": mib(*bytes as u64) })).collect();
     let figures = json!({
         "network": description, "precision": options.precision.name(), "threads": args.threads,
         "instructions": options.isa.unwrap_or_else(Isa::detect).name(), "steps": step.count(),
@@ -223,7 +220,7 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
             edges.and_then(|e| e["peak_share"].as_f64()).map(|share| share / available),
         "peak_memory_mib": after.map(|m| mib(m.peak)), "mesh_memory_mib": before.map(|m| mib(m.now)),
         "memory_beyond_mesh_mib": after.zip(before).map(|(a, b)| mib(a.peak.saturating_sub(b.now))),
-        "profiled_ms": profile.seconds / steps * 1e3, "phases": phases, "held": held,
+        "profiled_ms": profile.seconds / steps * 1e3, "phases": phases,
     });
     print(&figures);
     super::write_json(args.json.as_deref(), &figures)
@@ -249,13 +246,6 @@ fn print(f: &Value) {
     }
     println!("{}", filled(PARTS, f));
     println!("{}", phases(&f["phases"]));
-    let mut held = Table::new(["held by the engine", "MiB"]);
-    for h in f["held"].as_array().into_iter().flatten() {
-        if h["mib"].as_f64().is_some_and(|mib| mib >= 0.05) {
-            held.row([filled("{what}", h), filled("{mib:1}", h)]);
-        }
-    }
-    println!("{held}");
 }
 
 /// Times and work of the phases of a step.

@@ -34,10 +34,6 @@ impl<T: Number> Encoder<T> {
         })
     }
 
-    pub fn bytes(&self) -> usize {
-        self.first.bytes() + self.tail.bytes()
-    }
-
     /// Latents of n rows of `features`, normalised and `stride` numbers apart, with `addend` at the first layer; `a`,
     /// `b` and `c` are buffers.
     pub fn run(
@@ -115,10 +111,6 @@ impl Fixed {
         }
         Ok(Fixed { rows, row: (0..kinds.len() as u32).collect() })
     }
-
-    pub fn bytes(&self) -> usize {
-        4 * (self.rows.capacity() + self.row.capacity())
-    }
 }
 
 /// These rows, and what f_np (section 3.4.1) of the nodes' random walks contributes beside them.
@@ -181,11 +173,6 @@ impl<T: Number> Decoder<T> {
             mean: model.tensor("norm.output.mean")?.data.clone(),
             std: model.tensor("norm.output.std")?.data.clone(),
         })
-    }
-
-    pub fn bytes(&self) -> usize {
-        let inner: usize = self.inner.iter().map(|l| l.weight.bytes()).sum();
-        inner + self.first.bytes() + self.segment.as_ref().map_or(0, |w| w.bytes()) + self.last.weight.bytes()
     }
 
     /// Columns of the first layer's output, padded.

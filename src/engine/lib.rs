@@ -113,16 +113,6 @@ impl Engine {
     pub fn profile(&self) -> Option<Profile> {
         either!(&self.0, network => network.profile())
     }
-
-    /// Bytes of everything that the engine holds, by what it is.
-    ///
-    /// With N owned and G ghost nodes, E directed edges, d the width padded to a multiple of 16, and s bytes a number
-    /// (4 in fp32, 2 in bf16), the large ones are: edge latents `s d E`; the same again for encoded edges, or
-    /// `4 (dim + 1) E` for their features where that is more than 256 MiB; node latents `4 d N`; projected senders
-    /// `s d (N + G)`; the graph `8 E + 20 N`.
-    pub fn memory(&self) -> Vec<(&'static str, usize)> {
-        either!(&self.0, network => network.memory())
-    }
 }
 
 impl Forward for Engine {

@@ -90,10 +90,6 @@ impl<T: Number> Tail<T> {
         self.function
     }
 
-    pub fn bytes(&self) -> usize {
-        self.layers.iter().map(|l| l.weight.bytes()).sum()
-    }
-
     /// From the first layer's activated output in `a` (n rows) to the last layer's in `c`.
     pub fn run(&self, isa: Isa, n: usize, a: &mut [T], b: &mut [T], c: &mut [f32]) {
         let (mut from, mut to) = (a, b);

@@ -53,11 +53,6 @@ impl<T: Number> EdgeNetwork<T> {
             norm: linear::norm(model, &format!("{name}.norm"))?,
         })
     }
-
-    fn bytes(&self) -> usize {
-        [&self.edge, &self.sender, &self.receiver].map(|p| p.bytes()).iter().sum::<usize>()
-            + self.tail.bytes()
-    }
 }
 
 /// The graph as a sweep reads it.
@@ -94,11 +89,6 @@ impl<T: Number> Layer<T> {
             node_tail: Tail::new(isa, model, &node)?,
             node_norm: linear::norm(model, &format!("{node}.norm"))?,
         })
-    }
-
-    pub fn bytes(&self) -> usize {
-        let edge = self.edge.as_ref().map_or(0, |e| e.bytes());
-        edge + self.node_first.bytes() + self.node_tail.bytes()
     }
 
     /// Whether it reads Ws h of the senders.

@@ -70,10 +70,6 @@ impl Kept {
             }
         }
     }
-
-    pub fn bytes(&self) -> usize {
-        [&self.x, &self.before, &self.gates, &self.hidden, &self.state].map(|b| b.bytes()).iter().sum()
-    }
 }
 
 /// The weights, of width d, in rows of `columns`.

@@ -201,23 +201,6 @@ impl SegmentStage {
         &self.latents
     }
 
-    /// Bytes of weights, and of all the rest.
-    pub fn bytes(&self) -> (usize, usize) {
-        let weights = self.encoder.bytes()
-            + self.layers.iter().map(|l| l.bytes()).sum::<usize>()
-            + self.dispatch.as_ref().map_or(0, |d| d.segment.bytes());
-        let lists = 4 * (self.member_row.len() + self.member.len() + self.place_row.len() + self.place.len());
-        let rows = self.sums.bytes() + self.means.bytes() + self.latents.bytes();
-        let table = self.dispatch.as_ref().map_or(0, |d| d.table.bytes());
-        let position = self.position.as_ref().map_or(0, |p| 4 * p.len());
-        let scratch: usize = self.scratch.iter().map(|s| s.bytes()).sum();
-        let (recurrent, read) = self.recurrence.as_ref().map_or((0, 0), |r| {
-            let parts: usize = r.parts.iter().map(|(part, kept)| 4 * part.node.len() + kept.bytes()).sum();
-            (r.input.weight.bytes() + r.hidden.weight.bytes(), parts + r.nodes.bytes())
-        });
-        (weights + recurrent, read + lists + rows + table + position + scratch + self.heads.bytes())
-    }
-
     /// From node latents, in the engine's order, to h_S. Collective.
     pub fn run(&mut self, comm: &Comm, pool: &Pool, nodes: &[f32]) {
         let (isa, k, columns) = (self.isa, self.count, self.columns);

@@ -280,7 +280,7 @@ fn threads_and_the_place_of_encoded_edges_do_not_change_a_bit() {
 }
 
 #[test]
-fn memory_and_profile_add_up() {
+fn a_profile_adds_up() {
     let case = Case::new(spec(), true);
     let options = EngineOptions { profile: true, ..options(Isa::detect(), Precision::Bf16) };
     let mut engine = Engine::new(&case.model, &case.structure, &options).unwrap();
@@ -296,9 +296,6 @@ fn memory_and_profile_add_up() {
     let rows = graph.senders.len() * (1 + a.hidden_layers) + graph.n_owned;
     let flops = (a.layers() * rows * 2 * a.width * a.width) as f64;
     assert_eq!(profile.flops[Phase::Edges as usize], flops);
-    // Width 8 is padded to 16; bf16.
-    let edges = engine.memory().iter().find(|(n, _)| *n == "edge latents").unwrap().1;
-    assert_eq!(edges, (case.structure.graph.senders.len() * 16 * 2).next_multiple_of(64));
 }
 
 #[test]

@@ -112,11 +112,6 @@ impl<T: Number> Scratch<T> {
             clock: Clock::new(profile),
         }
     }
-
-    pub fn bytes(&self) -> usize {
-        [&self.x, &self.a, &self.b].map(|x| x.bytes()).iter().sum::<usize>()
-            + [&self.c, &self.receivers, &self.sums, &self.raw].map(|x| x.bytes()).iter().sum::<usize>()
-    }
 }
 
 #[cfg(test)]

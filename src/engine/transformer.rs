@@ -53,11 +53,6 @@ impl Heads {
             packed: (0..heads).map(|_| (Packed::zero(isa, width, k), Packed::zero(isa, k, width))).collect(),
         }
     }
-
-    pub fn bytes(&self) -> usize {
-        let packed = self.packed.iter().map(|(k, v)| k.bytes() + v.bytes());
-        self.projections.bytes() + packed.sum::<usize>()
-    }
 }
 
 impl Scratch {
@@ -71,10 +66,6 @@ impl Scratch {
             c: Buffer::new(size),
             scores: Buffer::new(rows * padded(k)),
         }
-    }
-
-    pub fn bytes(&self) -> usize {
-        self.a.bytes() + self.b.bytes() + self.c.bytes() + self.scores.bytes()
     }
 }
 
@@ -100,11 +91,6 @@ impl TransformerLayer {
             second: Linear::new(isa, model, &name("ffn.1"))?,
             function: model.spec.architecture.activation.into(),
         })
-    }
-
-    pub fn bytes(&self) -> usize {
-        let parts = [&self.projection, &self.output.weight, &self.first.weight, &self.second.weight];
-        parts.map(|p| p.bytes()).iter().sum()
     }
 
     /// Advances h_S in place.

@@ -253,7 +253,7 @@ fn words(value: &Value) -> String {
     };
     match value {
         Value::String(text) => text.clone(),
-        Value::Array(list) => list.iter().map(inner).collect::<Vec<_>>().join(" "),
+        Value::Array(list) if !list.is_empty() => list.iter().map(inner).collect::<Vec<_>>().join(" "),
         Value::Object(entries) => {
             let given = entries.iter().filter(|(_, value)| !value.is_null());
             given.map(|(key, value)| format!("{key} {}", inner(value))).collect::<Vec<_>>().join(", ")

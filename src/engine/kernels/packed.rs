@@ -86,8 +86,4 @@ impl<T: Number> Packed<T> {
     pub(super) fn panels(&self) -> &[usize] {
         &self.panels
     }
-
-    pub fn bytes(&self) -> usize {
-        self.data.bytes()
-    }
 }

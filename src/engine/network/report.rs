@@ -1,4 +1,4 @@
-//! What a network takes: time by phase, memory by array.
+//! What a step takes: time and operations by phase.
 
 use super::super::kernels::Number;
 use super::super::profile::{Phase, Profile};
@@ -16,21 +16,6 @@ impl<T: Number + Element> Network<T> {
             }
         }
         Some(profile)
-    }
-
-    /// See [`Engine::memory`](crate::Engine::memory).
-    pub fn memory(&self) -> Vec<(&'static str, usize)> {
-        let (grid, order) = (&self.grid, &self.grid.order);
-        let (mut arrays, weights) = self.processor.memory();
-        let lists = order.node.len() + order.row.len() + order.senders.len() + order.receivers.len();
-        let scratch: usize = grid.scratch.iter().map(|s| s.bytes()).sum();
-        arrays.extend([
-            ("node latents", grid.nodes.bytes()),
-            ("graph", 4 * lists + 8 * self.cells.capacity() + self.fixed.bytes()),
-            ("weights", weights + self.encoder.bytes() + self.decoder.bytes()),
-            ("buffers", scratch + self.table.bytes()),
-        ]);
-        arrays
     }
 
     /// Operations of the products of a step, by phase.

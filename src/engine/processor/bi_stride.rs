@@ -170,11 +170,6 @@ impl<T: Number + Element> Floor<T> {
         self.latents[..nodes.len()].copy_from_slice(nodes);
         halo.exchange_f32(comm, &mut self.latents, columns);
     }
-
-    /// Bytes of the features, and of all the rest.
-    pub fn bytes(&self) -> [usize; 2] {
-        [self.features.bytes(), self.projected.bytes() + self.latents.bytes()]
-    }
 }
 
 impl<T: Number + Element> Processor<T> for BiStride<T> {
@@ -198,20 +193,6 @@ impl<T: Number + Element> Processor<T> for BiStride<T> {
 
     fn run(&mut self, comm: &Comm, grid: &mut Grid<T>) {
         Self::cycle(comm, grid, &mut self.finest, &mut self.coarser, &self.layers);
-    }
-
-    fn memory(&self) -> (Vec<(&'static str, usize)>, usize) {
-        let floors = std::iter::once(&self.finest).chain(self.coarser.iter().map(|c| &c.floor));
-        let [features, rows] = floors.fold([0, 0], |sum, floor| [0, 1].map(|i| sum[i] + floor.bytes()[i]));
-        let lists = self.coarser.iter().map(|c| {
-            let order = &c.grid.order;
-            let graph = order.node.len() + order.row.len() + 3 * order.senders.len();
-            let transfers = [&c.down, &c.up].map(|t| t.row.len() + 2 * t.from.len());
-            4 * (graph + transfers[0] + transfers[1]) + c.grid.nodes.bytes()
-        });
-        let arrays =
-            vec![("edge features", features), ("coarser graphs", lists.sum()), ("latents of ghosts", rows)];
-        (arrays, self.layers.iter().map(|l| l.bytes()).sum())
     }
 
     fn flops(&self, grid: &Grid<T>, model: &Model) -> Vec<(Phase, f64)> {

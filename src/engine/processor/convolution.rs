@@ -84,14 +84,6 @@ impl<T: Number + Element> Processor<T> for Convolutions<T> {
         }
     }
 
-    fn memory(&self) -> (Vec<(&'static str, usize)>, usize) {
-        let arrays = vec![
-            ("scaled latents", self.scaled.bytes() + 4 * self.scale.capacity()),
-            ("halo", 4 * self.message.capacity()),
-        ];
-        (arrays, self.layers.iter().map(|l| l.weight.bytes()).sum())
-    }
-
     fn flops(&self, grid: &Grid<T>, model: &Model) -> Vec<(Phase, f64)> {
         let d = model.spec.architecture.width as f64;
         let (n, layers) = (grid.n_owned as f64, self.layers.len() as f64);

@@ -127,13 +127,6 @@ impl<T: Number + Element> Processor<T> for GraphUNet<T> {
         Self::cycle(comm, grid, (&mut self.finest, &self.graph), &self.layers, &self.scores);
     }
 
-    fn memory(&self) -> (Vec<(&'static str, usize)>, usize) {
-        let [features, rows] = self.finest.bytes();
-        let links = 4 * (2 * self.graph.senders.len() + self.graph.features.len());
-        let arrays = vec![("edge features", features + links), ("latents of ghosts", rows)];
-        (arrays, self.layers.iter().map(|l| l.bytes()).sum())
-    }
-
     /// Of the finest graph, whose nodes are halved from level to level; edges are more or fewer with the choice.
     fn flops(&self, grid: &Grid<T>, model: &Model) -> Vec<(Phase, f64)> {
         let layers = 4.0 - 3.0 * 0.5f64.powi(self.scores.len() as i32);

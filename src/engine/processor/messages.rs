@@ -234,22 +234,6 @@ impl<T: Number + Element> Processor<T> for Messages<T> {
         self.stage.as_ref()
     }
 
-    fn memory(&self) -> (Vec<(&'static str, usize)>, usize) {
-        let (stage_weights, stage) = self.stage.as_ref().map_or((0, 0), |s| s.bytes());
-        let layers: usize = self.layers.iter().map(|l| l.bytes()).sum();
-        let dispatch = self.dispatch.as_ref().map_or(0, |w| w.bytes());
-        let arrays = vec![
-            ("edge latents", self.edges.bytes()),
-            ("encoded edges", self.encoded.as_ref().map_or(0, |e| e.bytes())),
-            ("edge features", 4 * (self.features.normed.capacity() + self.features.sums.capacity())),
-            ("projected senders", self.projected.bytes()),
-            ("halo", self.message.capacity() * size_of::<T>()),
-            ("segments", stage),
-        ];
-        let encoders: usize = self.features.encoders.iter().map(|e| e.0.bytes()).sum();
-        (arrays, layers + dispatch + stage_weights + encoders)
-    }
-
     fn flops(&self, grid: &Grid<T>, model: &Model) -> Vec<(Phase, f64)> {
         let a = &model.spec.architecture;
         let (d, h) = (a.width as f64, a.hidden_layers as f64);

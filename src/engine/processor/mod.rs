@@ -42,9 +42,6 @@ pub trait Processor<T>: Send + Sync {
         None
     }
 
-    /// Bytes of its arrays, by what they are, and of its weights.
-    fn memory(&self) -> (Vec<(&'static str, usize)>, usize);
-
     /// Operations of the products of a step.
     fn flops(&self, grid: &Grid<T>, model: &Model) -> Vec<(Phase, f64)>;
 }
