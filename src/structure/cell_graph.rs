@@ -1,6 +1,7 @@
-//! The undecomposed graph of cells, on the root, in the canonical numbering: what METIS and the search for
-//! connected pieces see, so that their answers do not depend on the ranks.
+//! The undecomposed graph of cells, on the root, numbered by their places: what METIS and the search for connected pieces see, so
+//! that their answers depend neither on the ranks nor on the numbering of the mesh.
 
+use super::place::line;
 use crate::graph::Graph;
 use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
@@ -107,31 +108,51 @@ impl CellGraph {
 pub(super) struct Root {
     /// The undecomposed graph.
     pub graph: CellGraph,
-    /// Global numbers of each rank's cells.
+    /// Numbers by place of each rank's cells.
     cells: Vec<Vec<i64>>,
 }
 
+/// Numbers of this rank's cells in the order of the places of all ranks' cells. Collective.
+pub(super) fn by_place(mesh: &Mesh, comm: &Comm) -> Vec<i64> {
+    let cells = comm.gather(&mesh.cell_global);
+    let centres = comm.gather(mesh.cell_centres.as_flattened());
+    let send = cells.zip(centres).map(|(cells, centres)| {
+        let number = line(centres.concat().as_chunks::<3>().0, &cells.concat());
+        let mut rest = &number[..];
+        let own = |cells: &Vec<i64>| rest.split_off(..cells.len()).unwrap_or_default().to_vec();
+        cells.iter().map(own).collect()
+    });
+    from_root(send, comm)
+}
+
+/// What the root sends to this rank. Collective.
+fn from_root<V: Element>(send: Option<Vec<Vec<V>>>, comm: &Comm) -> Vec<V> {
+    let send = send.unwrap_or_else(|| vec![Vec::new(); comm.size() as usize]);
+    comm.all_to_all(&send).into_iter().next().unwrap_or_default()
+}
+
 impl Root {
-    /// Gathers the graph on the root; none elsewhere. Collective.
+    /// Gathers the graph on the root, none elsewhere; and the numbers of this rank's cells there. Collective.
     ///
     /// # Errors
     /// [`Error::Input`] for more cells than METIS counts.
-    pub fn gather(mesh: &Mesh, graph: &mut Graph, comm: &Comm) -> Result<Option<Self>> {
+    pub fn gather(mesh: &Mesh, graph: &mut Graph, comm: &Comm) -> Result<(Option<Self>, Vec<i64>)> {
         let mut total = [mesh.n_cells() as i64];
         comm.sum_i64(&mut total);
         let most = i64::from(i32::MAX / 2);
         if total[0] > most {
             return Err(Error::Input(format!("{} cells: METIS counts to {most}", total[0])));
         }
-        let pairs = comm.gather(&global_pairs(mesh, graph, comm));
-        let cells = comm.gather(&mesh.cell_global);
-        Ok(pairs.zip(cells).map(|(pairs, cells)| {
+        let number = by_place(mesh, comm);
+        let pairs = comm.gather(&numbered_pairs(&number, graph, comm));
+        let root = pairs.zip(comm.gather(&number)).map(|(pairs, cells)| {
             let pairs = pairs.concat();
             Root { graph: CellGraph::new(total[0] as usize, pairs.as_chunks::<2>().0), cells }
-        }))
+        });
+        Ok((root, number))
     }
 
-    /// Labels of all cells in the canonical numbering from each rank's own; none but on the root. Collective.
+    /// Labels of all cells, by place, from each rank's own; none but on the root. Collective.
     pub fn collect(root: Option<&Self>, labels: &[i32], comm: &Comm) -> Option<Vec<i32>> {
         let lists = comm.gather(labels)?;
         let root = root?;
@@ -147,22 +168,19 @@ impl Root {
     /// Each rank's own part of the root's rows of `width` values. Collective.
     pub fn hand_out<V: Element>(root: Option<&Self>, values: &[V], width: usize, comm: &Comm) -> Vec<V> {
         let row = |&cell: &i64| values[cell as usize * width..][..width].iter().cloned();
-        let send: Vec<Vec<V>> = match root {
-            Some(root) => root.cells.iter().map(|cells| cells.iter().flat_map(row).collect()).collect(),
-            None => vec![Vec::new(); comm.size() as usize],
-        };
-        comm.all_to_all(&send).into_iter().next().unwrap_or_default()
+        let of = |root: &Self| root.cells.iter().map(|cells| cells.iter().flat_map(row).collect()).collect();
+        from_root(root.map(of), comm)
     }
 }
 
-/// Global numbers (lower, higher) of the edges between cells that this rank is the first to see, flattened.
-fn global_pairs(mesh: &Mesh, graph: &mut Graph, comm: &Comm) -> Vec<i32> {
-    let mut global = vec![-1i64; graph.n_local];
-    global[..graph.n_cells].copy_from_slice(&mesh.cell_global);
-    graph.halo.exchange_i64(comm, &mut global, 1);
+/// The edges between cells of these numbers, each with the lower one first and on one rank, flattened. Collective.
+fn numbered_pairs(cells: &[i64], graph: &mut Graph, comm: &Comm) -> Vec<i32> {
+    let mut number = vec![-1i64; graph.n_local];
+    number[..graph.n_cells].copy_from_slice(cells);
+    graph.halo.exchange_i64(comm, &mut number, 1);
     let mut pairs = Vec::with_capacity(graph.senders.len());
     for (&sender, &receiver) in graph.senders.iter().zip(&graph.receivers) {
-        let (r, s) = (global[receiver as usize], global[sender as usize]);
+        let (r, s) = (number[receiver as usize], number[sender as usize]);
         // Both directions of an edge exist, each with its receiver's rank: one is enough.
         if r >= 0 && s > r {
             pairs.extend([r as i32, s as i32]);

@@ -1,5 +1,5 @@
 //! Every segment made connected: pieces that do not hang together with the largest of their segment go to the
-//! neighbour with which they share most faces. On the root, in the canonical numbering.
+//! neighbour with which they share most faces. On the root, of cells numbered by their places.
 
 use super::cell_graph::CellGraph;
 use std::collections::VecDeque;

@@ -9,6 +9,7 @@
 //! Every rank makes the levels of the undecomposed graph and takes its part: they do not depend on the number of ranks.
 
 use super::graph::Graph;
+use super::place::line;
 use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::vector::{Vector, dot, norm, sub};
@@ -109,8 +110,7 @@ pub fn bi_stride(mesh: &Mesh, graph: &mut Graph, n_levels: usize, comm: &Comm) -
     let mut levels = Vec::with_capacity(n_levels);
     for l in 1..=n_levels {
         let pooled = whole.pool();
-        let scale = 0.5f64.powi(l as i32);
-        let level = pooled.part(&nodes, n_owned, (mesh.dim(), scale), comm)?;
+        let level = pooled.part(&nodes, n_owned, (mesh.dim(), 0.5f64.powi(l as i32)), comm)?;
         (whole, nodes, n_owned) = (pooled.coarse, level.1, level.0.graph.n_owned);
         levels.push(level.0);
     }
@@ -121,8 +121,8 @@ pub fn bi_stride(mesh: &Mesh, graph: &mut Graph, n_levels: usize, comm: &Comm) -
 struct Whole {
     /// The senders of a node, and their vectors from it.
     near: Vec<Vec<(usize, Vector)>>,
-    /// Where the nodes are, by which the search begins.
-    centre: Vec<Vector>,
+    /// Where the nodes are, and their numbers in the order of places, by which the search begins.
+    place: Vec<(Vector, i64)>,
     /// What a node weighs as a part of a mean.
     weight: Vec<f64>,
     rank: Vec<i32>,
@@ -153,20 +153,19 @@ impl Whole {
         let places = mesh.cell_centres.iter().copied().chain(mesh.boundary.iter().map(|b| b.centre));
         let places = everywhere(comm, &places.flatten().collect::<Vec<f64>>());
         let n = own.len() / 2;
-        let mut whole = Whole {
-            near: vec![Vec::new(); n],
-            centre: vec![[0.0; 3]; n],
-            weight: vec![1.0; n],
-            rank: vec![0; n],
-        };
+        let mut whole =
+            Whole { near: vec![Vec::new(); n], place: Vec::new(), weight: vec![1.0; n], rank: vec![0; n] };
+        let mut centre = vec![[0.0; 3]; n];
         for ([node, rank], place) in own.as_chunks::<2>().0.iter().zip(places.as_chunks::<3>().0) {
-            whole.centre[*node as usize] = *place;
+            centre[*node as usize] = *place;
             whole.rank[*node as usize] = *rank as i32;
         }
         for ([s, r], row) in ends.as_chunks::<2>().0.iter().zip(features.chunks_exact(dim + 1)) {
             let vector = std::array::from_fn(|i| if i < dim { f64::from(row[i]) } else { 0.0 });
             whole.near[*r as usize].push((*s as usize, vector));
         }
+        let number = line(&centre, &(0..n as i64).collect::<Vec<_>>());
+        whole.place = centre.into_iter().zip(number).collect();
         whole.near.iter_mut().for_each(|row| row.sort_by(|a, b| a.0.cmp(&b.0).then(order(a.1, b.1))));
         whole
     }
@@ -188,18 +187,16 @@ impl Whole {
         reached
     }
 
-    /// The node of a piece next to its centre. Among equals to rounding the first by its coordinates: a number would depend on the
-    /// numbering.
+    /// The node of a piece next to its centre, among equals to rounding the first by its place.
     fn seed(&self, piece: &[usize]) -> usize {
         let mean: Vector = std::array::from_fn(|i| {
-            piece.iter().map(|&n| self.centre[n][i]).sum::<f64>() / piece.len() as f64
+            piece.iter().map(|&n| self.place[n].0[i]).sum::<f64>() / piece.len() as f64
         });
-        let distance = |n: usize| norm(sub(self.centre[n], mean));
-        let [least, most] = piece.iter().fold([f64::INFINITY, 0.0f64], |[least, most], &n| {
-            [least.min(distance(n)), most.max(distance(n))]
-        });
+        let distance = |n: usize| norm(sub(self.place[n].0, mean));
+        let far = || piece.iter().map(|&n| distance(n));
+        let (least, most) = (far().fold(f64::INFINITY, f64::min), far().fold(0.0, f64::max));
         let near = piece.iter().copied().filter(|&n| distance(n) <= least + 1e-9 * most);
-        near.min_by(|&a, &b| order(self.centre[a], self.centre[b])).unwrap_or(piece[0])
+        near.min_by_key(|&n| self.place[n].1).unwrap_or(piece[0])
     }
 
     /// Which nodes the next graph has.
@@ -267,7 +264,7 @@ impl Whole {
         });
         let coarse = Whole {
             near: near.collect(),
-            centre: old.iter().map(|&i| self.centre[i]).collect(),
+            place: old.iter().map(|&i| self.place[i]).collect(),
             rank: old.iter().map(|&i| self.rank[i]).collect(),
             weight,
         };
@@ -357,8 +354,7 @@ mod tests {
         assert_eq!((g.n_owned, &g.senders[..], &g.receivers[..]), (3, &[1, 0, 2, 1][..], &[0, 1, 1, 2][..]));
         // Cells at 0.5, 2.5 and 4.5 are at the means of their neighbours: the outer ones' weigh 1 of a face and 1/2 of a cell.
         assert_eq!((&one.down.row[..], &one.down.from[..3]), (&[0, 2, 4, 6][..], &[1, 5, 1][..]));
-        let third = 1.0 / 3.0;
-        let expected = [third, 2.0 * third, 0.5, 0.5, third, 2.0 * third];
+        let expected = [1.0 / 3.0, 2.0 / 3.0, 0.5, 0.5, 1.0 / 3.0, 2.0 / 3.0];
         assert!(one.down.weight.iter().zip(expected).all(|(a, b)| (a - b as f32).abs() < 1e-6), "{one:?}");
         // These means are the cells' own places, 2 apart, over 2.
         assert!((g.edge_features[0] - 1.0).abs() < 1e-6, "{g:?}");

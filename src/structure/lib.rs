@@ -1,8 +1,8 @@
 //! The structure that networks live on: a graph, coarser ones, and its segments: METIS refined by SLIC on modes and positions (Algorithm 2),
 //! overlap, and their adjacency (eq. 10).
 //!
-//! Nothing here depends on the number of ranks: METIS sees the canonical numbering on the root, and SLIC's sums
-//! are integers.
+//! Nothing here depends on the number of ranks or on the numbering of the mesh: METIS sees cells numbered by their places, on the root,
+//! and SLIC's sums are integers.
 
 mod cell_graph;
 pub mod coarse;
@@ -15,6 +15,7 @@ mod obstacle;
 mod overlap;
 mod partition;
 mod parts;
+mod place;
 mod quality;
 pub mod ranks;
 mod record;
@@ -161,7 +162,7 @@ fn compute(
     (modes, total): (Option<&Modes>, i64),
     comm: &Comm,
 ) -> Result<Segmentation> {
-    let root = Root::gather(mesh, graph, comm)?;
+    let (root, number) = Root::gather(mesh, graph, comm)?;
     let first = match &root {
         Some(root) => partition::partition(&root.graph, spec.count, spec.connected),
         None => Ok(Vec::new()),
@@ -172,7 +173,7 @@ fn compute(
     if needs_modes(spec, total)
         && let Some(modes) = modes
     {
-        (labels, sweeps) = slic::refine(mesh, spec, modes, comm, labels)?;
+        (labels, sweeps) = slic::refine(mesh, spec, modes, comm, (&number, labels))?;
     }
     let mut reassigned = vec![0i64];
     if spec.connected {

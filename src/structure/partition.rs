@@ -1,4 +1,4 @@
-//! First partition: METIS on the root, in the canonical numbering.
+//! First partition: METIS on the root, of cells numbered by their places.
 
 use super::cell_graph::CellGraph;
 use m4gn_base::{Error, Result};

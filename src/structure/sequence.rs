@@ -5,14 +5,12 @@
 //! as they come, would depend on both. All nodes of a segment are read by one rank, the lowest that has any of them.
 
 use super::Segmentation;
+use super::place::line;
 use m4gn_base::{Error, Result};
-use m4gn_mesh::vector::{Vector, dot, sub};
+use m4gn_mesh::vector::Vector;
 use m4gn_parallel::{Comm, Halo, everywhere};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
-
-/// Places closer than this, over the rms distance from their mean, are one.
-const NEAR: f64 = 1e-6;
 
 /// The segments that this rank reads.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -38,7 +36,10 @@ impl Sequence {
             false => Err(Error::Internal(format!("segments of other nodes than {n_owned}"))),
         })?;
         let first = comm.exclusive_scan_i64(n_owned as i64) as usize;
-        let number = line(&everywhere(comm, &places.concat()));
+        // Of nodes at one place, which a point and its boundary face are, the first here.
+        let all = everywhere(comm, &places.concat());
+        let all = all.as_chunks::<3>().0;
+        let number = line(all, &(0..all.len() as i64).collect::<Vec<_>>());
         let number = &number[first..first + n_owned];
         let of = |node: usize| {
             let row = segments.member_row[node] as usize..segments.member_row[node + 1] as usize;
@@ -81,22 +82,6 @@ impl Sequence {
         }));
         Sequence { row, node, halo: Halo::empty() }
     }
-}
-
-/// Position of each place in the line of all of them, `[x, y, z]` after `[x, y, z]`.
-fn line(places: &[f64]) -> Vec<i64> {
-    let places = places.as_chunks::<3>().0;
-    let n = places.len() as f64;
-    let mean: Vector = std::array::from_fn(|i| places.iter().map(|p| p[i]).sum::<f64>() / n);
-    let square: f64 = places.iter().map(|&p| dot(sub(p, mean), sub(p, mean))).sum();
-    let unit = NEAR * (square / n).sqrt();
-    let key = |&p: &Vector| sub(p, mean).map(|x| if unit > 0.0 { (x / unit).round() as i64 } else { 0 });
-    let keys: Vec<[i64; 3]> = places.iter().map(key).collect();
-    let mut order: Vec<usize> = (0..keys.len()).collect();
-    order.sort_by_key(|&i| keys[i]);
-    let mut number = vec![0; keys.len()];
-    (0..).zip(order).for_each(|(position, i)| number[i] = position);
-    number
 }
 
 #[cfg(test)]

@@ -34,7 +34,7 @@ struct Features {
     tau: f64,
 }
 
-/// Moves cells between the `spec.count` segments of `labels`, one of each of this rank's cells, until none moves or the sweeps are used
+/// Moves cells between the `spec.count` segments of `labels`, one of each of this rank's cells, whose numbers by place are `number`, until none moves or the sweeps are used
 /// up; returns the labels, and how many cells of all ranks each sweep moved. Collective.
 ///
 /// A mode enters as S phi: a change of one root mean square of a mode counts as much as one cluster size; without
@@ -48,10 +48,10 @@ pub(super) fn refine(
     spec: &SegmentSpec,
     modes: &Modes,
     comm: &Comm,
-    labels: Vec<i32>,
+    (number, labels): (&[i64], Vec<i32>),
 ) -> Result<(Vec<i32>, Vec<usize>)> {
     let features = Features::new(mesh, spec, comm, &modes.vectors)?;
-    Ok(features.sweep(mesh, comm, spec, labels))
+    Ok(features.sweep(number, comm, spec, labels))
 }
 
 /// The default S of appendix B.4.1: extent of the domain = K S^dim.
@@ -117,7 +117,7 @@ impl Features {
 
     fn sweep(
         &self,
-        mesh: &Mesh,
+        number: &[i64],
         comm: &Comm,
         spec: &SegmentSpec,
         mut labels: Vec<i32>,
@@ -126,7 +126,7 @@ impl Features {
         for _ in 0..spec.iterations {
             let centroids = self.centroids(comm, spec.count, &labels);
             let mut next = self.nearest(&labels, &centroids);
-            self.keep_one_each(mesh, comm, spec.count, &centroids, &labels, &mut next);
+            self.keep_one_each(number, comm, spec.count, &centroids, &labels, &mut next);
             let mut moved = [labels.iter().zip(&next).filter(|(a, b)| a != b).count() as i64];
             comm.sum_i64(&mut moved);
             labels = next;
@@ -221,10 +221,10 @@ impl Features {
     }
 
     /// Gives every segment that would be empty its nearest cell of before back (of equals the one with the
-    /// lowest global number). Collective.
+    /// lowest number). Collective.
     fn keep_one_each(
         &self,
-        mesh: &Mesh,
+        number: &[i64],
         comm: &Comm,
         count: usize,
         centroids: &[f64],
@@ -254,11 +254,11 @@ impl Features {
             let mut chosen = vec![i64::MAX; count];
             for cell in (0..before.len()).filter(|&c| empty(c) && steps(c) == least[before[c] as usize]) {
                 let chosen = &mut chosen[before[cell] as usize];
-                *chosen = (*chosen).min(mesh.cell_global[cell]);
+                *chosen = (*chosen).min(number[cell]);
             }
             comm.min_i64(&mut chosen);
             for cell in 0..before.len() {
-                if empty(cell) && chosen[before[cell] as usize] == mesh.cell_global[cell] {
+                if empty(cell) && chosen[before[cell] as usize] == number[cell] {
                     next[cell] = before[cell];
                 }
             }

@@ -2,9 +2,11 @@
 
 use super::graph::Graph;
 use super::levels::{Level, bi_stride};
+use super::place::line;
 use super::{Segmentation, Sequence, node_walk, segment};
 use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
+use m4gn_mesh::vector::Vector;
 use m4gn_model::modal::ModalSource;
 use m4gn_model::{ModelSpec, Needs, SegmentSpec};
 use m4gn_parallel::Comm;
@@ -24,6 +26,10 @@ pub struct Structure {
     pub levels: Vec<Level>,
     /// Positional encoding of the nodes `[n_owned x node_rwse_steps]`; empty where the network needs none.
     pub walk: Vec<f32>,
+    /// Numbers of the nodes in the order of their places, by which networks that choose among nodes do so where they are equal; empty
+    /// where the network chooses none.
+    #[serde(default)]
+    pub place: Vec<u32>,
 }
 
 impl Structure {
@@ -55,7 +61,28 @@ impl Structure {
         };
         let sequence = Self::sequence_of(segments.as_ref(), needs, mesh, comm)?;
         let walk = node_walk(mesh, needs.walk, comm)?;
-        Ok(Structure { graph, segments, sequence, levels, walk })
+        let place = Self::places(needs, mesh);
+        Ok(Structure { graph, segments, sequence, levels, walk, place })
+    }
+
+    /// Numbers of the nodes of an undecomposed mesh, its cells and boundary faces, in the order of their places, for a network that needs
+    /// them.
+    pub fn places(needs: Needs, mesh: &Mesh) -> Vec<u32> {
+        match needs.whole {
+            true => {
+                let places = node_places(mesh);
+                let number: Vec<i64> = (0..places.len() as i64).collect();
+                line(&places, &number).into_iter().map(|i| i as u32).collect()
+            }
+            false => Vec::new(),
+        }
+    }
+
+    /// Of each node of a graph on one rank which part it is of, 0, and its number in the order of places.
+    pub fn choice(&self) -> Vec<[u32; 2]> {
+        let by_number = self.place.len() != self.graph.n_owned;
+        let place = |i: usize| if by_number { i as u32 } else { self.place[i] };
+        (0..self.graph.n_owned).map(|i| [0, place(i)]).collect()
     }
 
     /// Whether the network that `spec` describes can be on so many ranks.
@@ -86,9 +113,7 @@ impl Structure {
         comm: &Comm,
     ) -> Result<Option<Sequence>> {
         let Some(segments) = segments.filter(|_| needs.sequences) else { return Ok(None) };
-        let faces = mesh.boundary.iter().map(|b| b.centre);
-        let places: Vec<_> = mesh.cell_centres.iter().copied().chain(faces).collect();
-        Sequence::new(segments, &places, comm).map(Some)
+        Sequence::new(segments, &node_places(mesh), comm).map(Some)
     }
 
     /// The order of the nodes within their segments, for a network that needs it; none for one that does not.
@@ -159,12 +184,13 @@ impl Structure {
 
     /// The graph and its coarser ones alone, for who gives them other edges.
     pub fn graphs(&self) -> Self {
-        Structure::of_graphs(self.graph.clone(), self.levels.clone())
+        let place = self.place.clone();
+        Structure { place, ..Structure::of_graphs(self.graph.clone(), self.levels.clone()) }
     }
 
     /// Of a graph and coarser ones, without segments.
     pub fn of_graphs(graph: Graph, levels: Vec<Level>) -> Self {
-        Structure { graph, levels, segments: None, sequence: None, walk: Vec::new() }
+        Structure { graph, levels, segments: None, sequence: None, walk: Vec::new(), place: Vec::new() }
     }
 
     /// Reflected in the second direction, as the network that `spec` describes reads it: of edges that stay, in cells.
@@ -191,6 +217,11 @@ impl Structure {
             negate(&mut segments.position, width, stage.rwse_steps + 1);
         }
     }
+}
+
+/// Where this rank's cells and boundary faces are, m.
+fn node_places(mesh: &Mesh) -> Vec<Vector> {
+    mesh.cell_centres.iter().copied().chain(mesh.boundary.iter().map(|b| b.centre)).collect()
 }
 
 /// Changes the sign of a column of rows of `width` numbers.

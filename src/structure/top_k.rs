@@ -9,6 +9,9 @@ use super::levels::Transfer;
 use m4gn_parallel::{Comm, Halo};
 use std::collections::BTreeMap;
 
+/// Scores that differ by less than this, over the largest one, are equal: with nodes in another order a network's sums round otherwise.
+const EQUAL: f32 = 1e-5;
+
 /// The nodes that are kept, and their graph.
 #[derive(Clone, Debug)]
 pub struct Pooled {
@@ -21,18 +24,27 @@ pub struct Pooled {
 }
 
 impl Pooled {
-    /// Half of the nodes, rounded up, of each part: of the whole graph, or of each of several that stand side by side. `part[i]` is that of
-    /// node i, `scores[i]` its score; of equal ones the node with the lower number is kept.
-    pub fn new((senders, receivers): (&[i32], &[i32]), part: &[u32], scores: &[f32]) -> Self {
+    /// Half of the nodes, rounded up, of each part: of the whole graph, or of each of several that stand side by side. `nodes[i]` are the
+    /// part of node i and its number there in the order of places, `scores[i]` its score; of those that are equal to the least that is
+    /// kept the first by their places are.
+    pub fn new((senders, receivers): (&[i32], &[i32]), nodes: &[[u32; 2]], scores: &[f32]) -> Self {
         let n = scores.len();
         let mut near: Vec<Vec<(usize, Option<i32>)>> = (0..n).map(|i| vec![(i, None)]).collect();
         for (edge, (&s, &r)) in (0..).zip(senders.iter().zip(receivers)) {
             near[r as usize].push((s as usize, Some(edge)));
         }
         let mut order: Vec<usize> = (0..n).collect();
-        order.sort_by(|&a, &b| part[a].cmp(&part[b]).then(scores[b].total_cmp(&scores[a])).then(a.cmp(&b)));
-        let halves = order.chunk_by(|&a, &b| part[a] == part[b]).flat_map(|p| &p[..p.len().div_ceil(2)]);
-        let mut kept: Vec<u32> = halves.map(|&i| i as u32).collect();
+        order.sort_by(|&a, &b| nodes[a][0].cmp(&nodes[b][0]).then(scores[b].total_cmp(&scores[a])));
+        let mut kept: Vec<u32> = Vec::with_capacity(n.div_ceil(2));
+        for part in order.chunk_by_mut(|&a, &b| nodes[a][0] == nodes[b][0]) {
+            let count = part.len().div_ceil(2);
+            let near = EQUAL * part.iter().fold(0f32, |most, &i| most.max(scores[i].abs()));
+            let least = scores[part[count - 1]];
+            let above = part[..count].partition_point(|&i| scores[i] - least > near);
+            let equal = part[count..].partition_point(|&i| least - scores[i] <= near);
+            part[above..count + equal].sort_by_key(|&i| (nodes[i][1], i));
+            kept.extend(part[..count].iter().map(|&i| i as u32));
+        }
         kept.sort_unstable();
         let mut number = vec![None; n];
         (0..).zip(&kept).for_each(|(new, &i)| number[i as usize] = Some(new));
@@ -76,12 +88,32 @@ impl Pooled {
 mod tests {
     use super::*;
 
+    /// Nodes that stand as they are numbered.
+    fn parts(part: [u32; 6]) -> [[u32; 2]; 6] {
+        std::array::from_fn(|i| [part[i], i as u32])
+    }
+
+    /// Three nodes of six are kept: one has the largest score, four share the next one but for rounding, and those that come first by
+    /// their places stay, wherever they are numbered.
+    #[test]
+    fn equal_scores_are_told_apart_by_places() {
+        let kept =
+            |place: [u32; 6], scores: [f32; 6]| Pooled::new((&[], &[]), &place.map(|p| [0, p]), &scores).kept;
+        let scores = [1.0, 9.0, 1.0 + 1e-6, 1.0 - 1e-6, 0.5, 1.0];
+        assert_eq!(kept([0, 1, 2, 3, 4, 5], scores), [0, 1, 2]);
+        assert_eq!(kept([5, 4, 3, 2, 1, 0], scores), [1, 3, 5]);
+        assert_eq!(kept([5, 4, 3, 2, 1, 0], [1.2, 9.0, 1.1, 0.9, 0.5, 1.0]), [0, 1, 2]);
+        // A network that has come to numbers that are none is refused elsewhere.
+        assert_eq!(kept([0, 1, 2, 3, 4, 5], [f32::NAN; 6]).len(), 3);
+    }
+
     /// A row of five nodes, x = 0 to 4, of which the ends and the middle have the largest scores; and a node apart.
     #[test]
     fn a_row_of_nodes() {
         let (senders, receivers) = ([1, 0, 2, 1, 3, 2, 4, 3], [0, 1, 1, 2, 2, 3, 3, 4]);
         let scores = [3.0, 0.0, 1.0, -1.0, 2.0, -9.0];
-        let Pooled { kept, graph, edges } = Pooled::new((&senders, &receivers), &[0, 0, 0, 0, 0, 1], &scores);
+        let Pooled { kept, graph, edges } =
+            Pooled::new((&senders, &receivers), &parts([0, 0, 0, 0, 0, 1]), &scores);
         assert_eq!(kept, [0, 2, 4, 5]);
         assert_eq!((&graph.row[..], &graph.senders[..]), (&[0, 1, 3, 4, 4][..], &[1, 0, 2, 1][..]));
         assert_eq!((graph.n_owned, &graph.receivers[..]), (4, &[0, 1, 1, 2][..]));
@@ -91,7 +123,7 @@ mod tests {
         edges.add(0..4, 1, &vectors, &mut coarse);
         assert_eq!(coarse, [1.0, -1.0, 1.0, -1.0]);
         // Neighbours that are both kept: an edge and none, or none and an edge.
-        let pair = Pooled::new((&senders, &receivers), &[0; 6], &[3.0, 2.0, 1.0, 0.0, 0.0, 0.0]);
+        let pair = Pooled::new((&senders, &receivers), &parts([0; 6]), &[3.0, 2.0, 1.0, 0.0, 0.0, 0.0]);
         assert_eq!(
             (&pair.graph.senders[..], &pair.edges.weight[..2]),
             (&[1, 2, 0, 2, 0, 1][..], &[0.25, 0.25][..])

@@ -17,7 +17,7 @@ pub fn node_walk(mesh: &Mesh, steps: usize, comm: &Comm) -> Result<Vec<f32>> {
         return Ok(Vec::new());
     }
     let mut graph = Graph::new(mesh, comm)?;
-    let root = comm.agree(Root::gather(mesh, &mut graph, comm))?;
+    let (root, _) = comm.agree(Root::gather(mesh, &mut graph, comm))?;
     let mut faces = vec![0; mesh.n_cells()];
     mesh.boundary.iter().for_each(|b| faces[b.owner as usize] += 1);
     let faces = Root::collect(root.as_ref(), &faces, comm).unwrap_or_default();

@@ -1,5 +1,6 @@
 //! Sample bodies with an obstacle: a block of bricks held at one end, or two of them, under an octahedron.
 
+use crate::mesh::shuffled;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::body::{Body, Material, Obstacle};
 use m4gn_mesh::elements::{ElementKind, Elements};
@@ -41,6 +42,24 @@ pub fn block(n: [usize; 3], l: Vector) -> Body {
         elements,
         positions,
     }
+}
+
+/// The same body with points and elements in other orders; and of each of its points the number before.
+pub fn renumbered(body: &Body, seed: u64) -> (Body, Vec<usize>) {
+    let points = shuffled(body.positions.len(), seed);
+    let order = shuffled(body.elements.len(), seed + 1);
+    let mut new = vec![0i32; points.len()];
+    (0..).zip(&points).for_each(|(to, &from)| new[from] = to);
+    let of = |e: &usize| body.elements.points_of(*e).iter().map(|&p| new[p as usize]);
+    let elements = Elements::of_kind(ElementKind::Hexahedron, order.iter().flat_map(of).collect());
+    let renumbered = Body {
+        positions: points.iter().map(|&p| body.positions[p]).collect(),
+        types: points.iter().map(|&p| body.types[p]).collect(),
+        material: order.iter().map(|&e| body.material[e]).collect(),
+        edges: elements.edges(),
+        elements,
+    };
+    (renumbered, points)
 }
 
 /// Two such blocks in one body, the second above the first with a gap between them.

@@ -160,6 +160,69 @@ pub fn make_cyclic(mesh: &mut Mesh, lx: f64) {
     }
 }
 
+/// 0 to n - 1 in an order that hangs on the seed.
+pub fn shuffled(n: usize, seed: u64) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..n).collect();
+    let mut x = seed;
+    for i in (1..n).rev() {
+        x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        order.swap(i, (x >> 33) as usize % (i + 1));
+    }
+    order
+}
+
+/// The same undecomposed mesh with cells, faces and boundary faces in other orders, and internal faces seen from either side; and of each of its cells and boundary faces the
+/// number before.
+pub fn renumbered(mesh: &Mesh, seed: u64) -> (Mesh, [Vec<usize>; 2]) {
+    let cells = shuffled(mesh.n_cells(), seed);
+    let faces = shuffled(mesh.face_owner.len(), seed + 1);
+    let boundary = shuffled(mesh.boundary.len(), seed + 2);
+    let coupled = shuffled(mesh.coupled.len(), seed + 3);
+    let mut new = vec![0i32; cells.len()];
+    (0..).zip(&cells).for_each(|(to, &from)| new[from] = to);
+    let of = |list: &[i32], f: usize| new[list[f] as usize];
+    let ends = |f: &usize| {
+        let ends = [of(&mesh.face_owner, *f), of(&mesh.face_neighbour, *f)];
+        if f.is_multiple_of(3) { [ends[1], ends[0]] } else { ends }
+    };
+    let out = Mesh {
+        cell_global: (0..cells.len() as i64).collect(),
+        cell_centres: cells.iter().map(|&c| mesh.cell_centres[c]).collect(),
+        cell_volumes: cells.iter().map(|&c| mesh.cell_volumes[c]).collect(),
+        face_owner: faces.iter().map(|f| ends(f)[0]).collect(),
+        face_neighbour: faces.iter().map(|f| ends(f)[1]).collect(),
+        face_coeff: faces.iter().map(|&f| mesh.face_coeff[f]).collect(),
+        boundary: (0..)
+            .zip(&boundary)
+            .map(|(global, &b)| BoundaryFace {
+                owner: new[mesh.boundary[b].owner as usize],
+                global,
+                ..mesh.boundary[b].clone()
+            })
+            .collect(),
+        coupled: coupled
+            .iter()
+            .map(|&c| CoupledFace {
+                owner: new[mesh.coupled[c].owner as usize],
+                global: i64::from(new[mesh.coupled[c].global as usize]),
+                ..mesh.coupled[c].clone()
+            })
+            .collect(),
+        ..mesh.clone()
+    };
+    (out, [cells, boundary])
+}
+
+/// The mesh with the walls and inlets of boundary cells at these cells' places, as meshes of points have them.
+pub fn at_points(mut mesh: Mesh) -> Mesh {
+    for face in &mut mesh.boundary {
+        if matches!(face.kind, NodeType::Wall | NodeType::Inlet) {
+            face.centre = mesh.cell_centres[face.owner as usize];
+        }
+    }
+    mesh
+}
+
 /// The rank of each cell when `n_cells` are dealt out in `size` consecutive runs of nearly equal length.
 pub fn strips(n_cells: usize, size: i32) -> Vec<i32> {
     (0..n_cells).map(|c| (c * size as usize / n_cells) as i32).collect()

@@ -45,8 +45,8 @@ pub struct Topology {
     pub position: Option<Tensor>,
     /// Coarser graphs, the finest first.
     pub levels: Vec<Level>,
-    /// Graph of each node.
-    pub part: Vec<u32>,
+    /// Graph of each node, and its number there in the order of places.
+    pub choice: Vec<[u32; 2]>,
     /// Positional encoding of the nodes `[N x node_rwse_steps]`.
     pub walk: Option<Tensor>,
 }
@@ -107,7 +107,7 @@ impl Topology {
             sequence: self.sequence.as_ref().map(Sequence::share),
             position: clone(&self.position),
             levels: self.levels.iter().map(Level::share).collect(),
-            part: self.part.clone(),
+            choice: self.choice.clone(),
             walk: clone(&self.walk),
         }
     }

@@ -91,7 +91,7 @@ struct Floor {
     senders: Tensor,
     receivers: Tensor,
     features: Tensor,
-    part: Vec<u32>,
+    choice: Vec<[u32; 2]>,
     kept: Option<Tensor>,
 }
 
@@ -105,7 +105,8 @@ impl Floor {
         let device = scores.device();
         // Scores are finite numbers in fp32, which can be read.
         let scores = host(scores).unwrap_or_default();
-        let Pooled { kept, graph, edges } = Pooled::new((&self.ends[0], &self.ends[1]), &self.part, &scores);
+        let Pooled { kept, graph, edges } =
+            Pooled::new((&self.ends[0], &self.ends[1]), &self.choice, &scores);
         let index = |list: Vec<i64>| Tensor::from_slice(&list).to_device(device);
         let wide = |list: &[i32]| index(list.iter().map(|&i| i64::from(i)).collect());
         let rows = 0..graph.senders.len();
@@ -117,7 +118,7 @@ impl Floor {
             senders: wide(&graph.senders),
             receivers: wide(&graph.receivers),
             features: sum_into(graph.senders.len() as i64, &terms, &index(row)),
-            part: kept.iter().map(|&i| self.part[i as usize]).collect(),
+            choice: kept.iter().map(|&i| self.choice[i as usize]).collect(),
             kept: Some(index(kept.iter().map(|&i| i64::from(i)).collect())),
             ends: [graph.senders, graph.receivers],
         }
@@ -133,7 +134,7 @@ fn graph_u_net(levels: usize, network: &Network, graph: &Topology, mut h: Rows, 
         senders: graph.senders.shallow_clone(),
         receivers: graph.receivers.shallow_clone(),
         features: edges.shallow_clone(),
-        part: graph.part.clone(),
+        choice: graph.choice.clone(),
         kept: None,
     }];
     let mut left = Vec::new();

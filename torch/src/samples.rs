@@ -79,6 +79,7 @@ impl HostGraph {
                 sequence: structure.sequence_for(needs)?.cloned(),
                 levels: structure.levels_for(needs)?.to_vec(),
                 walk: structure.walk_for(needs)?.to_vec(),
+                place: structure.place.clone(),
             },
         })
     }
@@ -103,11 +104,12 @@ impl HostGraph {
         let (mut segment_weight, mut position) = (vec![], vec![]);
         let mut sequences: Vec<Vec<i64>> = Vec::new();
         let (mut fixed, mut node_weight) = (vec![0f32; nodes * width], vec![1f32; nodes]);
-        let mut part = vec![0; nodes];
+        let mut choice = vec![[0; 2]; nodes];
         let (steps, n_offsets) = (spec.architecture.micro.node_rwse_steps, spec.n_offset_features());
         let mut walk = vec![0f32; nodes * steps];
         for (g, graph) in graphs.iter().enumerate() {
             let Structure { graph: own, segments, sequence, walk: of_nodes, .. } = &graph.structure;
+            let chosen = graph.structure.choice();
             let place = |node: usize| match node < graph.cells {
                 true => first_cell + node,
                 false => first_boundary + node - graph.cells,
@@ -119,7 +121,7 @@ impl HostGraph {
             edges.extend_from_slice(&own.edge_features);
             for (node, &kind) in graph.types.iter().enumerate() {
                 let to = place(node);
-                part[to] = g as u32;
+                choice[to] = [g as u32, chosen[node][1]];
                 fixed[to * width + kind] = 1.0;
                 walk[to * steps..][..steps].copy_from_slice(&of_nodes[node * steps..][..steps]);
             }
@@ -168,7 +170,7 @@ impl HostGraph {
                 None
             },
             levels,
-            part,
+            choice,
             walk: (steps > 0).then(|| to(Tensor::from_slice(&walk).view([nodes as i64, steps as i64]))),
         }
     }

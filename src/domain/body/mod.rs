@@ -71,7 +71,8 @@ impl Made {
             walk.extend(m4gn_structure::walk_of_pairs(part.obstacle.len(), pairs, needs.walk));
         }
         let levels = body.coarser(&part.mesh, &graph, needs.levels, comm)?;
-        let structure = Structure { graph, segments, sequence, levels, walk };
+        let place = Structure::places(needs, &part.mesh);
+        let structure = Structure { graph, segments, sequence, levels, walk, place };
         Ok(Made { part, body, structure })
     }
 }

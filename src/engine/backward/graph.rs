@@ -59,6 +59,8 @@ pub struct TrainGraph {
     pub(super) coarser: Vec<Coarser>,
     /// Positional encoding of the nodes, a row a place.
     pub(super) walk: Vec<f32>,
+    /// By what nodes are chosen beside their scores ([`Structure::choice`]).
+    pub(super) choice: Vec<[u32; 2]>,
 }
 
 impl TrainGraph {
@@ -131,6 +133,7 @@ impl TrainGraph {
             members,
             coarser,
             walk,
+            choice: if spec.architecture.needs().whole { structure.choice() } else { Vec::new() },
         })
     }
 

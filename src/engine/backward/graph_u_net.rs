@@ -37,6 +37,7 @@ pub struct GraphUNetTape<T> {
 /// A coarser graph.
 struct Below {
     order: Order,
+    choice: Vec<[u32; 2]>,
     senders: Vec<i32>,
     receivers: Vec<i32>,
     /// Normalised, by number.
@@ -115,7 +116,9 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
             let (own, next) = rows.split_at_mut(l + 1);
             let h = &own[l][..n * columns];
             let score = scores(h, &unit(&p.data[..columns]), &order.node);
-            let Pooled { kept, graph, edges } = Pooled::new(ends, &vec![0; n], &score);
+            let choice = below.last().map_or(&graph.choice, |b| &b.choice);
+            let Pooled { kept, graph, edges } = Pooled::new(ends, choice, &score);
+            let choice = kept.iter().map(|&i| choice[i as usize]).collect();
             let (coarse, place) = (Order::new(&graph), order.places());
             let mut of_coarse = vec![0.0; graph.senders.len() * k];
             edges.add(0..graph.senders.len(), k, of_edges, &mut of_coarse);
@@ -130,6 +133,7 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
             let (senders, receivers) = (graph.senders, graph.receivers);
             below.push(Below {
                 order: coarse,
+                choice,
                 senders,
                 receivers,
                 features: of_coarse,

@@ -27,9 +27,10 @@ pub struct GraphUNet<T> {
     graph: Links,
 }
 
-/// Who hears whom, and the normalised features of the edges.
+/// Who hears whom, the normalised features of the edges, and by what the nodes are chosen beside their scores.
 #[derive(Debug, Default)]
 struct Links {
+    nodes: Vec<[u32; 2]>,
     senders: Vec<i32>,
     receivers: Vec<i32>,
     features: Vec<f32>,
@@ -81,8 +82,8 @@ impl<T: Number + Element> GraphUNet<T> {
         };
         let (columns, place) = (grid.columns, grid.order.places());
         let score = self::scores(&grid.nodes, unit, &grid.order.node);
-        let part = vec![0; score.len()];
-        let Pooled { kept, graph, edges } = Pooled::new((&links.senders, &links.receivers), &part, &score);
+        let ends = (&links.senders[..], &links.receivers[..]);
+        let Pooled { kept, graph, edges } = Pooled::new(ends, &links.nodes, &score);
         let k = links.features.len() / links.senders.len().max(1);
         let n_edges = graph.senders.len();
         let mut below = Links { features: vec![0.0; n_edges * k], ..Links::default() };
@@ -90,6 +91,7 @@ impl<T: Number + Element> GraphUNet<T> {
         let pool = Pool::new(1, grid.isa);
         let mut next: Grid<T> = Grid::new(&graph, columns, pool, Vec::new(), grid.timed);
         (below.senders, below.receivers) = (graph.senders, graph.receivers);
+        below.nodes = kept.iter().map(|&i| links.nodes[i as usize]).collect();
         let as_they_are = (vec![0.0; k], vec![1.0; k]);
         let mut ground = Floor::of_nodes(&next);
         ground.take(&next.order.edge, &below.features, &as_they_are, columns);
@@ -118,8 +120,12 @@ impl<T: Number + Element> Processor<T> for GraphUNet<T> {
         let scale = (&self.edge_scale.0[..], &self.edge_scale.1[..]);
         let mut normed = vec![0f32; order.len() * k];
         features(scale, &graph.edge_features, &order, k, &mut normed);
-        self.graph =
-            Links { senders: graph.senders.clone(), receivers: graph.receivers.clone(), features: normed };
+        self.graph = Links {
+            nodes: structure.choice(),
+            senders: graph.senders.clone(),
+            receivers: graph.receivers.clone(),
+            features: normed,
+        };
         self.finest.take(&grid.order.edge, &graph.edge_features, &self.edge_scale, grid.columns);
     }
 

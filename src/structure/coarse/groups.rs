@@ -1,6 +1,6 @@
-//! Which cells form a group: METIS on the undecomposed graph, without the couplings of cyclic patches.
+//! Which cells form a group: METIS on the undecomposed graph of cells numbered by their places, without the couplings of cyclic patches.
 
-use crate::cell_graph::CellGraph;
+use crate::cell_graph::{CellGraph, by_place};
 use crate::partition::partition_finely;
 use m4gn_base::Result;
 use m4gn_mesh::vector::norm;
@@ -56,7 +56,7 @@ impl Links {
     }
 }
 
-/// The group of each of this rank's cells, numbered by lowest cell, and the number of groups; none where the mesh is about
+/// The group of each of this rank's cells, numbered by the places of their first cells, and the number of groups; none where the mesh is about
 /// as coarse as that. Collective; all ranks fail together.
 pub(super) fn agglomerate(
     mesh: &Mesh,
@@ -72,14 +72,16 @@ pub(super) fn agglomerate(
     if 4 * wanted > 3 * n {
         return Ok(None);
     }
+    let number: Vec<i32> = by_place(mesh, comm).into_iter().map(|i| i as i32).collect();
+    let behind = links.behind(mesh, &number, comm);
     let mut pairs: Vec<i32> = Vec::new();
     for (&a, &b) in mesh.face_owner.iter().zip(&mesh.face_neighbour) {
-        pairs.extend([a, b].map(|c| mesh.cell_global[c as usize] as i32));
+        pairs.extend([a, b].map(|c| number[c as usize]));
     }
-    for ((face, &other), shift) in mesh.coupled.iter().zip(&links.cell).zip(&links.shift) {
-        let own = mesh.cell_global[face.owner as usize];
+    for ((face, other), shift) in mesh.coupled.iter().zip(behind).zip(&links.shift) {
+        let own = number[face.owner as usize];
         if own < other && *shift == [0.0; 3] {
-            pairs.extend([own as i32, other as i32]);
+            pairs.extend([own, other]);
         }
     }
     let pairs = comm.gather(&pairs);
@@ -93,7 +95,7 @@ pub(super) fn agglomerate(
     let mut labels = comm.agree(found)?;
     comm.broadcast(&mut labels);
     let count = labels.iter().max().map_or(0, |&last| last as usize + 1);
-    let own = mesh.cell_global.iter().map(|&cell| labels[cell as usize]);
+    let own = number.iter().map(|&cell| labels[cell as usize]);
     Ok(Some((own.collect(), count)))
 }
 

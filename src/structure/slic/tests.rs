@@ -11,7 +11,7 @@ fn spec(count: usize, modes: usize) -> SegmentSpec {
 fn refined(mesh: &Mesh, spec: &SegmentSpec, labels: &[i32]) -> Result<Vec<i32>> {
     let comm = Comm::serial();
     let modes = laplacian_modes(mesh, &comm, &ModalOptions::fixed(spec.modes))?;
-    refine(mesh, spec, &modes, &comm, labels.to_vec()).map(|r| r.0)
+    refine(mesh, spec, &modes, &comm, (&mesh.cell_global, labels.to_vec())).map(|r| r.0)
 }
 
 /// The rule of [`Features::nearest`] with every centroid looked at.
@@ -109,8 +109,10 @@ fn modes_and_margin_as_printed() {
     let at = [0.0, 1.0, 2.1, 3.0];
     mesh.cell_centres.iter_mut().zip(at).for_each(|(x, at)| x[0] = at);
     let modes = Modes { eigenvalues: vec![1.0], vectors: vec![vec![0.0, 0.0, 0.5, 0.5]] };
-    let labels =
-        |spec: &SegmentSpec| refine(&mesh, spec, &modes, &Comm::serial(), vec![0, 0, 0, 1]).unwrap().0;
+    let labels = |spec: &SegmentSpec| {
+        let start = (&mesh.cell_global[..], vec![0, 0, 0, 1]);
+        refine(&mesh, spec, &modes, &Comm::serial(), start).unwrap().0
+    };
     let size = SegmentSpec { size: Some(4.0), iterations: 1, ..spec(2, 1) };
     // Cell 2: |1.0667 .. |: 1.0667 + 0.333 S from segment 0, 0.9 from segment 1.
     let found = |scaled_modes, margin| labels(&SegmentSpec { scaled_modes, margin, ..size.clone() });

@@ -89,7 +89,7 @@ pub fn o_mesh_structure(spec: &ModelSpec, nodes: usize, comm: &Comm) -> Result<S
     let steps = spec.architecture.needs().walk;
     let pairs: Vec<[i32; 2]> = graph.senders.iter().zip(&graph.receivers).map(|(s, r)| [*s, *r]).collect();
     let walk = m4gn_structure::walk_of_pairs(graph.n_owned, &pairs, steps);
-    Ok(Structure { graph, segments, sequence, levels: Vec::new(), walk })
+    Ok(Structure { graph, segments, sequence, levels: Vec::new(), walk, place: Vec::new() })
 }
 
 /// Runs of consecutive nodes as segments, with random features: where no mesh is there to be cut. None for a model that
