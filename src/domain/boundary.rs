@@ -31,15 +31,21 @@ struct Face {
     owner: u32,
     patch: usize,
     kind: NodeType,
+    /// Whether it is where its owner is: the owner is a point of the boundary.
+    at_owner: bool,
 }
 
-/// First component, number of components and kind of a field, and of each patch whether all of a scalar's values so far equal the owners'.
+/// First component, number of components and kind of a field.
 #[derive(Clone, Debug)]
 struct Columns {
     first: usize,
     count: usize,
     vector: bool,
+    /// Of each patch whether all of a scalar's values so far equal the owners'.
     same: Vec<bool>,
+    /// Values of a vector at the faces in the first frame, and of each patch whether they are others in a later one.
+    at_first: Vec<f32>,
+    moves: Vec<bool>,
 }
 
 /// Which boundary values follow those of their cells; the others are prescribed.
@@ -47,6 +53,10 @@ struct Columns {
 /// Vectors (velocity, displacement) follow where the flow leaves, on symmetry planes and on free surfaces; at walls, inlets, obstacles and
 /// handles they are prescribed. Scalars (pressure) follow on each patch whose recorded values equal the owner's in every frame, which is
 /// how a zero gradient is recorded: frames are shown ([`Boundary::see`]) before [`Boundary::settle`] says so.
+///
+/// A node at the place of its boundary node is a point of the boundary. Its vectors are prescribed where those of the boundary node are,
+/// and held ([`Boundary::is_held`]): at inlets and handles, and at walls and obstacles but on patches where frames show that they
+/// change with time, as along a wall without friction.
 #[derive(Clone, Debug)]
 pub struct Boundary {
     /// Nodes before those of the boundary.
@@ -56,6 +66,8 @@ pub struct Boundary {
     fields: Vec<Columns>,
     /// Of each face and component.
     follows: Vec<bool>,
+    /// Of each inner node and component whether it is prescribed; empty where none is.
+    held: Vec<bool>,
 }
 
 impl Boundary {
@@ -65,6 +77,7 @@ impl Boundary {
             owner: b.owner as u32,
             patch: b.patch.max(0) as usize,
             kind: b.kind,
+            at_owner: mesh.cell_centres.get(b.owner as usize) == Some(&b.centre),
         };
         let faces: Vec<Face> = mesh.boundary.iter().map(face).collect();
         let patches = 1 + faces.iter().map(|f| f.patch).max().unwrap_or(0);
@@ -72,21 +85,26 @@ impl Boundary {
         let columns = |field: &FieldSpec| {
             let (first, count) = (width, field.components(dim));
             width += count;
-            Columns { first, count, vector: field.vector, same: vec![true; patches] }
+            Columns {
+                first,
+                count,
+                vector: field.vector,
+                same: vec![true; patches],
+                at_first: Vec::new(),
+                moves: vec![false; patches],
+            }
         };
         let fields = fields.iter().map(columns).collect();
-        Boundary {
-            n_inner: mesh.cell_global.len(),
-            width,
-            follows: vec![false; faces.len() * width],
-            faces,
-            fields,
-        }
+        let follows = vec![false; faces.len() * width];
+        let mut boundary =
+            Boundary { n_inner: mesh.cell_global.len(), width, follows, held: Vec::new(), faces, fields };
+        boundary.hold();
+        boundary
     }
 
     /// Of so many values, all of them prescribed.
     pub fn prescribed(n_inner: usize, n: usize, fields: &[FieldSpec], dim: usize) -> Self {
-        let face = Face { owner: 0, patch: 0, kind: NodeType::Obstacle };
+        let face = Face { owner: 0, patch: 0, kind: NodeType::Obstacle, at_owner: false };
         let mut boundary = Boundary::new(&Mesh::default(), fields, dim);
         (boundary.n_inner, boundary.faces) = (n_inner, vec![face; n]);
         boundary.follows = vec![false; n * boundary.width];
@@ -95,20 +113,32 @@ impl Boundary {
 
     /// Looks at a frame: rows of all components, cells and then boundary.
     pub fn see(&mut self, frame: &[f32]) {
-        let scalars: Vec<usize> = (0..self.fields.len()).filter(|&k| !self.fields[k].vector).collect();
-        for k in scalars {
-            let first = self.fields[k].first;
-            let mut column = frame.chunks_exact(self.width).map(|row| row[first]);
-            let cells: Vec<f32> = column.by_ref().take(self.n_inner).collect();
-            let boundary: Vec<f32> = column.collect();
-            self.see_scalar(k, &cells, &boundary);
+        for k in 0..self.fields.len() {
+            let columns = self.fields[k].first..self.fields[k].first + self.fields[k].count;
+            let mut rows = frame.chunks_exact(self.width).map(|row| &row[columns.clone()]);
+            let cells = rows.by_ref().take(self.n_inner).flatten().copied().collect::<Vec<f32>>();
+            let boundary: Vec<f32> = rows.flatten().copied().collect();
+            self.see_field(k, &cells, &boundary);
         }
     }
 
-    /// Looks at a frame of field `k` alone, where that is a scalar.
+    /// Looks at a frame of field `k` alone.
     pub fn see_field(&mut self, k: usize, cells: &[f32], boundary: &[f32]) {
-        if !self.fields[k].vector {
-            self.see_scalar(k, cells, boundary);
+        match self.fields[k].vector {
+            true => self.see_vector(k, boundary),
+            false => self.see_scalar(k, cells, boundary),
+        }
+    }
+
+    fn see_vector(&mut self, k: usize, boundary: &[f32]) {
+        let Columns { count, at_first, moves, .. } = &mut self.fields[k];
+        if at_first.is_empty() {
+            at_first.extend_from_slice(boundary);
+        }
+        let scale = boundary.iter().fold(0f32, |m, v| m.max(v.abs()));
+        let rows = boundary.chunks_exact(*count).zip(at_first.chunks_exact(*count));
+        for (face, (now, first)) in self.faces.iter().zip(rows) {
+            moves[face.patch] |= now.iter().zip(first).any(|(a, b)| (a - b).abs() > SAME * scale);
         }
     }
 
@@ -132,6 +162,37 @@ impl Boundary {
                 row[field.first..][..field.count].fill(follows);
             }
         }
+        self.hold();
+    }
+
+    /// Says what is held.
+    fn hold(&mut self) {
+        self.held.clear();
+        for face in self.faces.iter().filter(|face| face.at_owner) {
+            for field in self.fields.iter().filter(|field| field.vector) {
+                let held = match face.kind {
+                    NodeType::Inlet | NodeType::Handle => true,
+                    NodeType::Wall | NodeType::Obstacle => !field.moves[face.patch],
+                    _ => false,
+                };
+                if held {
+                    self.held.resize(self.n_inner * self.width, false);
+                    self.held[face.owner as usize * self.width + field.first..][..field.count].fill(true);
+                }
+            }
+        }
+    }
+
+    /// Whether a component of an inner node is prescribed: that of a point of the boundary.
+    pub fn is_held(&self, node: usize, component: usize) -> bool {
+        self.held.get(node * self.width + component).copied().unwrap_or(false)
+    }
+
+    /// The boundary faces at points whose component is held, with these points.
+    pub fn held_points(&self, component: usize) -> impl Iterator<Item = (usize, usize)> {
+        let faces = self.faces.iter().enumerate().filter(|(_, face)| face.at_owner);
+        let points = faces.map(|(f, face)| (f, face.owner as usize));
+        points.filter(move |&(_, point)| self.is_held(point, component))
     }
 
     /// Owner cell of each face.
@@ -261,6 +322,38 @@ mod tests {
         let components = crate::Components::new(&spec);
         let off = components.mean_square(&[2], &frame[..3], &frame[3..], 0..1);
         assert!((off - 1.5f64.powi(2)).abs() < 1e-6);
+    }
+
+    /// At points the velocity of inlets is held, and that of walls as long as no frame shows that it changes; a pressure and what is at an outlet
+    /// are predicted.
+    #[test]
+    fn points_of_walls_and_inlets_are_held() {
+        let mesh = sample::at_points(sample::rectangle(4, 3, 1.0, 1.0));
+        let mut rule = Boundary::new(&mesh, &fields(), 2);
+        let held = |rule: &Boundary| -> Vec<usize> {
+            let of = |i: usize| (0..12).filter(|&point| rule.is_held(point, i)).collect::<Vec<_>>();
+            assert_eq!((of(1), of(2)), (of(0), vec![]));
+            of(0)
+        };
+        // Walls below and above, the inlet in the middle on the left.
+        assert_eq!(held(&rule), [0, 1, 2, 3, 4, 8, 9, 10, 11]);
+        let mut points: Vec<usize> = rule.held_points(0).map(|(_, point)| point).collect();
+        points.sort_unstable();
+        points.dedup();
+        assert_eq!(points, held(&rule));
+        let mut frame = vec![0.5f32; 3 * (12 + mesh.boundary.len())];
+        rule.see(&frame);
+        rule.see(&frame);
+        rule.settle();
+        assert_eq!(held(&rule).len(), 9);
+        // Along the walls the flow slips from now on.
+        for (i, _) in mesh.boundary.iter().enumerate().filter(|(_, b)| b.kind == NodeType::Wall) {
+            frame[3 * (12 + i)] = 0.6;
+        }
+        rule.see(&frame);
+        rule.settle();
+        assert_eq!(held(&rule), [0, 4, 8]);
+        assert_eq!(Boundary::new(&sample::rectangle(4, 3, 1.0, 1.0), &fields(), 2).held, Vec::<bool>::new());
     }
 
     #[test]

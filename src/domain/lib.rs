@@ -40,9 +40,16 @@ pub trait Domain: Debug + Send + Sync {
     /// The same, to show it frames.
     fn boundary_mut(&mut self) -> &mut Boundary;
 
-    /// Whether a node's fields are prescribed.
-    fn is_held(&self, _node: usize) -> bool {
-        false
+    /// Whether a component of a node's fields is prescribed: it gets no noise, what the network says of it does not count, and it is as
+    /// recorded, or as the host has it, after each step.
+    fn is_held(&self, node: usize, component: usize) -> bool {
+        self.boundary().is_held(node, component)
+    }
+
+    /// Of each node whether it counts for the outputs of one field, whose components these are.
+    fn free(&self, components: &[usize]) -> Vec<bool> {
+        let n = self.boundary().n_inner;
+        (0..n).map(|node| !components.iter().any(|&c| self.is_held(node, c))).collect()
     }
 
     /// Whether the edges are others in each state.
@@ -126,9 +133,9 @@ pub trait Domain: Debug + Send + Sync {
     fn advance(&self, state: &[f32], outputs: &[f32], next: &[f32]) -> Vec<f32> {
         let c = self.components();
         let mut new = next.to_vec();
-        let rows = outputs.chunks_exact(c.outputs.len()).enumerate();
-        for (node, row) in rows.filter(|(node, _)| !self.is_held(*node)) {
-            for ((&i, delta), y) in c.outputs.iter().zip(&c.delta).zip(row) {
+        for (node, row) in outputs.chunks_exact(c.outputs.len()).enumerate() {
+            let outputs = c.outputs.iter().zip(&c.delta).zip(row);
+            for ((&i, delta), y) in outputs.filter(|((i, _), _)| !self.is_held(node, **i)) {
                 let at = node * c.count + i;
                 new[at] = if *delta { state[at] + y } else { *y };
             }
@@ -143,9 +150,9 @@ pub trait Domain: Debug + Send + Sync {
         let c = self.components();
         self.boundary().follow_backward(d_next, |i| !c.given.contains(&i));
         let mut d_state = vec![0.0; d_next.len()];
-        let rows = d_outputs.chunks_exact_mut(c.outputs.len()).enumerate();
-        for (node, row) in rows.filter(|(node, _)| !self.is_held(*node)) {
-            for ((&i, delta), y) in c.outputs.iter().zip(&c.delta).zip(row) {
+        for (node, row) in d_outputs.chunks_exact_mut(c.outputs.len()).enumerate() {
+            let outputs = c.outputs.iter().zip(&c.delta).zip(row);
+            for ((&i, delta), y) in outputs.filter(|((i, _), _)| !self.is_held(node, **i)) {
                 let at = node * c.count + i;
                 *y += d_next[at];
                 if *delta {

@@ -65,7 +65,7 @@ impl NativeBackend<'_> {
             }
             let from = corrected.as_ref().filter(|_| step == 1).unwrap_or(&state);
             domain.target(from, &next, &mut target);
-            d_outputs.push(self.loss(scales, &outputs, &target, (batch.unroll, share), &mut losses));
+            d_outputs.push(self.loss(live, scales, [&outputs, &target], (batch.unroll, share), &mut losses));
             let new = match step < batch.unroll {
                 true => {
                     scales.output.to_physical(&mut outputs);
@@ -151,23 +151,27 @@ impl NativeBackend<'_> {
         Ok(())
     }
 
-    /// Adds to the losses, and gives the derivative of their weighted sum by the normalised outputs.
+    /// Adds to the losses, and gives the derivative of their weighted sum by the normalised outputs. What is held counts in neither.
     fn loss(
         &self,
+        live: &Live,
         scales: &Scales,
-        outputs: &[f32],
-        target: &[f32],
+        [outputs, target]: [&[f32]; 2],
         (unroll, share): (usize, f64),
         losses: &mut [f64],
     ) -> Vec<f32> {
         let m = self.spec.n_outputs();
-        let cells = outputs.len() / m;
+        let all = outputs.len() / m;
+        let cells: Vec<usize> = live.free.iter().map(|free| free.as_ref().map_or(all, |f| f.1)).collect();
         let mut d = vec![0.0; outputs.len()];
         let mut sums = vec![0.0; self.groups.len()];
-        for ((d, y), target) in d.chunks_exact_mut(m).zip(outputs.chunks_exact(m)).zip(target.chunks_exact(m))
-        {
-            for (&(first, n, weight), sum) in self.groups.iter().zip(&mut sums) {
-                let factor = (2.0 * weight * share / (unroll * cells * n) as f64) as f32;
+        let rows = d.chunks_exact_mut(m).zip(outputs.chunks_exact(m)).zip(target.chunks_exact(m));
+        for (node, ((d, y), target)) in rows.enumerate() {
+            for (k, (&(first, n, weight), sum)) in self.groups.iter().zip(&mut sums).enumerate() {
+                if live.free[k].as_ref().is_some_and(|f| !f.0[node]) {
+                    continue;
+                }
+                let factor = (2.0 * weight * share / (unroll * cells[k] * n) as f64) as f32;
                 for i in first..first + n {
                     let wanted = (target[i] - scales.output.mean[i]) * scales.output.inverse[i];
                     let off = y[i] - wanted;
@@ -176,7 +180,7 @@ impl NativeBackend<'_> {
                 }
             }
         }
-        for ((loss, sum), &(_, n, _)) in losses.iter_mut().zip(sums).zip(&self.groups) {
+        for (((loss, sum), &(_, n, _)), cells) in losses.iter_mut().zip(sums).zip(&self.groups).zip(cells) {
             *loss += share * sum / (unroll * cells * n) as f64;
         }
         d
@@ -204,7 +208,7 @@ impl NativeBackend<'_> {
         }
     }
 
-    /// Noise on the cells' inputs; boundary nodes that copy their owner copy the noise.
+    /// Noise on the cells' inputs that are not held; boundary nodes that copy their owner copy the noise.
     pub(crate) fn add_noise(&self, sample: &Sample, seed: u64, state: &mut [f32]) {
         if self.noise.iter().all(|&n| n == 0.0) {
             return;
@@ -214,10 +218,9 @@ impl NativeBackend<'_> {
         let width = self.noise.len();
         let rows = state.chunks_exact_mut(width).take(sample.n_cells());
         for (cell, row) in rows.enumerate() {
-            let held = sample.domain.is_held(cell);
             for (i, std) in self.noise.iter().enumerate().filter(|(_, std)| **std > 0.0) {
                 let noise = (share * std * normal(&mut rng)) as f32;
-                if !held {
+                if !sample.domain.is_held(cell, i) {
                     row[i] += noise;
                 }
             }

@@ -20,6 +20,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 pub(crate) struct Live {
     pub domain: Box<dyn Domain>,
     pub graph: TrainGraph,
+    /// Of each predicted field which nodes count in the loss, and how many; none where all do.
+    pub free: Vec<Option<(Vec<bool>, usize)>>,
     /// The same graphs for who gives them other edges.
     moving: Option<Structure>,
 }
@@ -32,6 +34,7 @@ impl Live {
         Ok(Live {
             graph: TrainGraph::new(spec, structure)?,
             moving: domain.moves().then(|| structure.graphs()),
+            free: domain.components().predicted().map(|field| counted(domain.free(field))).collect(),
             domain,
         })
     }
@@ -45,6 +48,12 @@ impl Live {
         self.domain.set_edges(&Comm::serial(), state, &mut structure)?;
         Ok(Some((self.graph.with_edges(&structure), structure)))
     }
+}
+
+/// Nodes that count with their number, where some do not.
+fn counted(free: Vec<bool>) -> Option<(Vec<bool>, usize)> {
+    let count = free.iter().filter(|free| **free).count();
+    (count < free.len()).then_some((free, count.max(1)))
 }
 
 /// Network, domains and threads.

@@ -14,8 +14,8 @@ impl NativeBackend<'_> {
     /// Errors of a rollout, as [`Backend::roll_out`](super::backend::Backend::roll_out) has them.
     pub(crate) fn roll_one(&self, model: &Model, rollout: &Rollout) -> Result<Vec<[f64; 2]>> {
         let (sample, c) = (&self.work.valid[rollout.sample], &self.components);
-        let free: Vec<usize> = (0..sample.n_cells()).filter(|node| !sample.domain.is_held(*node)).collect();
         let (domain, comm) = (&*sample.domain, Comm::serial());
+        let free: Vec<Vec<bool>> = c.predicted().map(|field| domain.free(field)).collect();
         let stride = self.work.frames_a_step;
         let frame = |step: usize| sample.state(rollout.frame + step * stride, false);
         let mut start = frame(0)?;
@@ -37,9 +37,11 @@ impl NativeBackend<'_> {
             let outputs = stepper.predict(&comm, domain, &mut state, &next)?;
             state = domain.advance(&state, outputs, &next);
             domain.take_level_off(&mut state);
-            let both =
-                |field| [&state, &start].map(|from| c.mean_square(field, from, &next, free.iter().copied()));
-            errors.extend(c.predicted().map(both));
+            let both = |(field, free): (&[usize], &Vec<bool>)| {
+                let free = || (0..free.len()).filter(|node| free[*node]);
+                [&state, &start].map(|from| c.mean_square(field, from, &next, free()))
+            };
+            errors.extend(c.predicted().zip(&free).map(both));
             if rollout.single {
                 state.clone_from(&next);
                 start = next;

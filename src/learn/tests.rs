@@ -7,6 +7,7 @@ use crate::normaliser::Normaliser;
 use crate::samples::Sample;
 use crate::workload::Workload;
 use m4gn_engine::backward::Layout;
+use m4gn_mesh::NodeType;
 use m4gn_mesh::body::Body;
 use m4gn_model::{Activation, Model, ModelSpec};
 
@@ -102,8 +103,11 @@ fn the_gradient_through_an_unroll_is_that_of_differences() {
 }
 
 fn unrolled(spec: &ModelSpec) {
-    let (work, _) = bar(spec);
-    let mut backend = NativeBackend::new(&training(), spec, &work, 1).unwrap();
+    unrolled_on(spec, &bar(spec).0, &training());
+}
+
+fn unrolled_on(spec: &ModelSpec, work: &Workload, t: &TrainingConfig) {
+    let mut backend = NativeBackend::new(t, spec, work, 1).unwrap();
     let layout = Layout::new(spec);
     let weights = layout.flatten(&Model::random(spec.clone(), 3).unwrap()).unwrap();
     for unroll in [2, 3] {
@@ -150,4 +154,92 @@ fn the_gradient_goes_from_body_to_body() {
     let (_, mut direction, normaliser) = learn(&mut backend, None, &weights, 3);
     nearness.iter().for_each(|&i| direction[i] = 0.0);
     along(&mut backend, &normaliser, (&weights, &direction), 3, (1e-2, 1e-2));
+}
+
+/// A flow at points, those of its walls at rest and those of its inlet at .5 m/s.
+fn points(spec: &ModelSpec) -> Workload {
+    let mesh = m4gn_samples::mesh::at_points(m4gn_samples::mesh::triangles(6, 4, 1.5, 1.0));
+    let mut sample = Sample::of_mesh(&mesh, spec, &spec.segments, None).unwrap();
+    sample.n_frames = 12;
+    for frame in 0..sample.n_frames {
+        let wave = |x: &[f64; 3], k: f64| (k * x[0] + 2.0 * x[1] + 0.2 * frame as f64).sin() as f32;
+        let mut rows: Vec<[f32; 3]> =
+            mesh.cell_centres.iter().map(|x| [wave(x, 1.0), wave(x, 3.0), wave(x, 2.0)]).collect();
+        for face in &mesh.boundary {
+            let owner = face.owner as usize;
+            match face.kind {
+                NodeType::Wall => rows[owner][..2].fill(0.0),
+                NodeType::Inlet => rows[owner][..2].copy_from_slice(&[0.5, 0.0]),
+                _ => {}
+            }
+        }
+        let faces: Vec<[f32; 3]> = mesh.boundary.iter().map(|b| rows[b.owner as usize]).collect();
+        let state = [rows, faces].concat().concat();
+        sample.domain.boundary_mut().see(&state);
+        sample.frames.extend(state);
+    }
+    sample.domain.boundary_mut().settle();
+    let sample = std::sync::Arc::new(sample);
+    Workload { train: vec![sample.clone()], valid: vec![sample], frames_a_step: STRIDE, names: vec![] }
+}
+
+fn flow() -> (ModelSpec, TrainingConfig) {
+    let mut spec = m4gn_samples::model::spec();
+    spec.architecture.activation = Activation::Silu;
+    spec.segments.method = m4gn_model::SegmentMethod::Metis;
+    let noise = [("U".to_string(), 0.05), ("p".to_string(), 0.05)].into();
+    (spec, TrainingConfig { noise, ..TrainingConfig::default() })
+}
+
+/// Where points are held: no noise, no loss, and the recorded value after each stride.
+#[test]
+fn points_of_walls_are_prescribed() {
+    let (spec, t) = flow();
+    let work = points(&spec);
+    let sample = &work.train[0];
+    let held = |node: usize, i: usize| sample.domain.is_held(node, i);
+    let count = (0..sample.n_cells()).filter(|&node| held(node, 0)).count();
+    assert!(count > 8 && count < sample.n_cells() / 2, "{count} of {}", sample.n_cells());
+
+    let backend = NativeBackend::new(&t, &spec, &work, 1).unwrap();
+    let clean = sample.state(3, false).unwrap();
+    let mut noisy = clean.clone();
+    backend.add_noise(sample, 7, &mut noisy);
+    let outputs: Vec<f32> = (0..3 * sample.n_cells()).map(|i| 1.0 + i as f32).collect();
+    let next = sample.state(5, false).unwrap();
+    let after = sample.domain.advance(&clean, &outputs, &next);
+    for node in 0..sample.n_cells() {
+        for (i, at) in (3 * node..3 * node + 3).enumerate() {
+            assert_eq!(noisy[at] == clean[at], held(node, i), "noise at component {i} of node {node}");
+            assert_eq!(after[at] == next[at], held(node, i), "component {i} of node {node} after a stride");
+        }
+    }
+
+    // What is wanted at held points counts in neither loss nor gradient; at others it does.
+    let weights = Layout::new(&spec).flatten(&Model::random(spec.clone(), 3).unwrap()).unwrap();
+    let learned = |shifted: Option<bool>, normaliser: Option<&Normaliser>| {
+        let mut work = points(&spec);
+        let sample = std::sync::Arc::make_mut(&mut work.train[0]);
+        let width = sample.frames.len() / sample.n_frames;
+        let nodes: Vec<usize> =
+            (0..sample.n_cells()).filter(|&n| Some(sample.domain.is_held(n, 0)) == shifted).collect();
+        // The frames that the examples of `learn` end at.
+        for at in [3, 6].into_iter().flat_map(|frame| nodes.iter().map(move |node| frame * width + 3 * node))
+        {
+            sample.frames[at] += 1.0;
+        }
+        let mut backend = NativeBackend::new(&t, &spec, &work, 1).unwrap();
+        learn(&mut backend, normaliser, &weights, 1)
+    };
+    let (loss, gradient, normaliser) = learned(None, None);
+    let (same, as_before, _) = learned(Some(true), Some(&normaliser));
+    assert_eq!((same, as_before == gradient), (loss, true));
+    assert!(learned(Some(false), Some(&normaliser)).0 > 1.1 * loss);
+}
+
+/// Through three strides of a flow with held points.
+#[test]
+fn the_gradient_goes_past_held_points() {
+    let (spec, t) = flow();
+    unrolled_on(&spec, &points(&spec), &t);
 }

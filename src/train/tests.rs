@@ -337,7 +337,7 @@ fn a_body_is_read_as_a_flow_is() {
     let displacement = trajectory.read_frame("D", 3).unwrap().cells;
     let motion = trajectory.read_motion(3, 1, 1).unwrap().concat();
     assert_eq!(sample.frame(3).unwrap(), [&displacement[..], motion.as_flattened()].concat());
-    assert_eq!((0..12).filter(|&p| sample.domain.is_held(p)).count(), 4, "points of the handle");
+    assert_eq!((0..12).filter(|&p| sample.domain.is_held(p, 0)).count(), 4, "points of the handle");
     assert!(sample.domain.moves() && !sample.domain.boundary().follows().contains(&true));
     let streamed = recorded::read_within(&trajectory, &spec, 4 * 38 * 3 * 4 - 1).unwrap();
     assert!(streamed.is_streamed() && streamed.frames.is_empty() && !sample.is_streamed());

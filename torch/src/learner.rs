@@ -131,6 +131,7 @@ impl Learner {
         let mut total = Tensor::zeros([], (Kind::Float, self.device));
         let mut sums: Vec<Tensor> = Vec::new();
         let weights = self.weights(examples);
+        let counts = self.counts(&boundary);
         for step in 1..=batch.unroll {
             let next = self.state(examples, step)?;
             let inputs = self.stepper.inputs(&domains, &state, &next)?;
@@ -138,7 +139,11 @@ impl Learner {
             let target = (self.stepper.target(&state, &next.cells) - &scales.output.0) / &scales.output.1;
             let square = (&output - target).square() * &weights;
             for (i, &(first, count, weight)) in self.groups.iter().enumerate() {
-                let loss = square.narrow(1, first as i64, count as i64).mean(Kind::Float);
+                let square = square.narrow(1, first as i64, count as i64);
+                let loss = match &counts {
+                    Some(counts) => (square * &counts[i]).mean(Kind::Float),
+                    None => square.mean(Kind::Float),
+                };
                 total += &loss * (weight / batch.unroll as f64);
                 let loss = loss.detach() / batch.unroll as f64;
                 match sums.get_mut(i) {
@@ -177,9 +182,14 @@ impl Learner {
             let (cells, boundary) = sample.frame(rollout.frame + step * self.frames_a_step, self.device)?;
             Ok(State { cells, boundary })
         };
-        let error = |field: &[usize], a: &Tensor, b: &Tensor, free: &Tensor| {
+        let domains = [sample.domain(false)];
+        let error = |field: &[usize], a: &Tensor, b: &Tensor| {
+            // What is held does not count.
+            let free = domains[0].free(field);
+            let free: Vec<i64> = (0..).zip(free).filter(|(_, free)| *free).map(|(node, _)| node).collect();
+            let free = Tensor::from_slice(&free).to_device(self.device);
             let physical = |x: &Tensor| {
-                let part = x.index_select(0, free).narrow(1, field[0] as i64, field.len() as i64);
+                let part = x.index_select(0, &free).narrow(1, field[0] as i64, field.len() as i64);
                 match self.components.floor(field[0]) {
                     Some(floor) => part.exp().clamp_min(floor),
                     None => part,
@@ -190,11 +200,6 @@ impl Learner {
         let mut state = read(0)?;
         let mut start = state.cells.shallow_clone();
         let mut errors = Vec::new();
-        let domains = [sample.domain(false)];
-        // Held points do not count.
-        let free: Vec<i64> =
-            (0..state.cells.size()[0]).filter(|p| !domains[0].is_held(*p as usize)).collect();
-        let free = Tensor::from_slice(&free).to_device(self.device);
         for step in 1..=rollout.steps {
             let graph = contact::at_state(sample.topologies[0].share(), &domains, &state)?;
             let edges = contact::edge_features(&graph, &state);
@@ -203,7 +208,7 @@ impl Learner {
             let output = self.stepper.predict(&network, &graph, (&inputs, &edges), &scales);
             let new = self.stepper.advance(&scales, &sample.boundary, &state, &output, &next);
             state = Stepper::without_levels(&domains, new);
-            let both = |field| [&state.cells, &start].map(|from| error(field, from, &next.cells, &free));
+            let both = |field| [&state.cells, &start].map(|from| error(field, from, &next.cells));
             errors.extend(self.components.predicted().map(both));
             if rollout.single {
                 start = next.cells.shallow_clone();
@@ -211,6 +216,18 @@ impl Learner {
             }
         }
         Ok(errors)
+    }
+
+    /// Of each predicted field how much its value at a cell counts in the mean over all, `[C x 1]`: 0 where it is held, more than 1 elsewhere.
+    /// None where nothing is held.
+    fn counts(&self, boundary: &Boundary) -> Option<Vec<Tensor>> {
+        let held = boundary.held.as_ref()?;
+        let of = |field: &[usize]| {
+            let free: Tensor = 1.0 - held.narrow(1, field[0] as i64, 1);
+            let share = free.mean(Kind::Float).clamp_min(1e-12);
+            free / share
+        };
+        Some(self.components.predicted().map(of).collect())
     }
 
     /// The examples' weights, one a cell.
@@ -280,7 +297,8 @@ impl Learner {
             })
             .collect();
         let copies: Vec<&Tensor> = samples.iter().map(|s| &s.boundary.copies).collect();
-        let free = |s: &Sample| Tensor::zeros([s.hosts[0].cells as i64, 1], (Kind::Float, self.device));
+        let width = self.components.count as i64;
+        let free = |s: &Sample| Tensor::zeros([s.hosts[0].cells as i64, width], (Kind::Float, self.device));
         let held = |s: &&Sample| s.boundary.held.as_ref().map_or_else(|| free(s), Tensor::shallow_clone);
         let held: Option<Vec<Tensor>> =
             samples.iter().any(|s| s.boundary.held.is_some()).then(|| samples.iter().map(held).collect());

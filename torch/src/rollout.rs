@@ -22,7 +22,7 @@ pub struct Boundary {
     pub owners: Tensor,
     /// 1 where the value is the owner's, 0 where it is prescribed, `[B x components]`.
     pub copies: Tensor,
-    /// 1 for points whose values are prescribed, `[C x 1]`; none where all are predicted.
+    /// 1 for values of points that are prescribed, `[C x components]`; none where all are predicted.
     pub held: Option<Tensor>,
 }
 

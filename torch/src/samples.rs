@@ -245,7 +245,8 @@ impl Sample {
         };
         let host = graph(&sample.structure, &domains[0])?;
         let reflected = graph(&sample.structure.reflected(spec), &domains[1])?;
-        let held: Vec<bool> = (0..host.cells).map(|node| sample.domain.is_held(node)).collect();
+        let of_node = |node| (0..sample.width).map(move |i| sample.domain.is_held(node, i));
+        let held: Vec<bool> = (0..host.cells).flat_map(of_node).collect();
         let floats = |flags: &[bool]| -> Vec<f32> { flags.iter().map(|&f| f32::from(u8::from(f))).collect() };
         let boundary = sample.domain.boundary();
         let owners: Vec<i64> = boundary.owners().map(|o| o as i64).collect();
@@ -257,7 +258,7 @@ impl Sample {
                 copies: Tensor::from_slice(&floats(boundary.follows())).view([-1, width]).to_device(device),
                 held: held
                     .contains(&true)
-                    .then(|| Tensor::from_slice(&floats(&held)).view([-1, 1]).to_device(device)),
+                    .then(|| Tensor::from_slice(&floats(&held)).view([-1, width]).to_device(device)),
             },
             recorded: sample.clone(),
             domains,

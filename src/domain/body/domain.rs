@@ -39,7 +39,7 @@ impl Domain for Body {
         &mut self.boundary
     }
 
-    fn is_held(&self, point: usize) -> bool {
+    fn is_held(&self, point: usize, _component: usize) -> bool {
         self.held[point]
     }
 

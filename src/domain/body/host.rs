@@ -121,7 +121,7 @@ impl BodyHost {
     fn moved(&self, displacement: &[Vector]) -> Result<Vec<Vector>> {
         let changes = self.outputs.as_chunks::<3>().0;
         let mut end = displacement.to_vec();
-        for (&i, u) in self.place.iter().zip(&mut end).filter(|(i, _)| !self.body.is_held(**i)) {
+        for (&i, u) in self.place.iter().zip(&mut end).filter(|(i, _)| !self.body.is_held(**i, 0)) {
             for k in 0..3 {
                 u[k] += f64::from(changes[i][k]);
             }

@@ -2,7 +2,7 @@
 
 use super::groups::OnGroups;
 use super::{Cells, Levels};
-use crate::boundary::faces_seen_as_their_cells;
+use crate::boundary::{Boundary, faces_seen_as_their_cells};
 use crate::field::expect_shape;
 use crate::host::{Host, HostOptions, Hosted, Predict};
 use crate::{Domain, Field};
@@ -25,6 +25,8 @@ pub struct CellsHost {
     /// The way to the groups that the network lives on, where these are not the cells.
     groups: Option<OnGroups>,
     levels: Levels,
+    /// Of each output the boundary faces at points that have it prescribed, and these points.
+    held: Vec<Vec<(usize, usize)>>,
     /// All components of the fields `[(n_cells + n_boundary) x components]`; zero where the model does not read them.
     state: Vec<f32>,
 }
@@ -64,6 +66,8 @@ impl CellsHost {
             _ => String::new(),
         };
         let domain = Cells::new(nodes, spec);
+        let rule = Boundary::new(mesh, &spec.fields, spec.dim);
+        let held = domain.components().outputs.iter().map(|&c| rule.held_points(c).collect()).collect();
         let size = mesh.n_nodes() * domain.components().count;
         Ok(Hosted {
             n_segments: structure.n_segments(),
@@ -76,6 +80,7 @@ impl CellsHost {
                 n_boundary: mesh.boundary.len(),
                 read_from_cells: faces_seen_as_their_cells(mesh),
                 groups,
+                held,
                 levels: Levels::new(mesh, spec, comm),
                 state: vec![0.0; size],
             }),
@@ -166,6 +171,12 @@ impl CellsHost {
                         )));
                     }
                     result[column + i] = after;
+                }
+                // Of the new time the host knows what it prescribes better: it sets that afterwards.
+                if let Some(f) = fields.iter().find(|f| f.name == spec.name) {
+                    for (face, point) in &self.held[column + i] {
+                        result[point * m + column + i] = f.boundary[face * f.components + d];
+                    }
                 }
             }
             column += directions.len();

@@ -267,4 +267,6 @@ fn seconds_a_frame(trajectory: &Trajectory) -> Option<f64> {
 }
 
 #[cfg(test)]
+mod points_tests;
+#[cfg(test)]
 mod tests;

@@ -39,6 +39,8 @@ struct Track {
     /// Recorded frames at the stride, rows of `width`: nodes, and boundary faces.
     recorded: Vec<Values>,
     boundary: Boundary,
+    /// Nodes whose values are not prescribed; none where all are such.
+    free: Option<Vec<usize>>,
 }
 
 /// A trajectory's recorded frames at a stride.
@@ -81,7 +83,10 @@ impl<'a> Scene<'a> {
             }
             boundary.settle();
             let wide = |values: &[f32]| widen(values, spec.vector, &mesh.directions);
+            let n = mesh.cell_global.len();
+            let free: Vec<usize> = (0..n).filter(|&node| !boundary.is_held(node, 0)).collect();
             Ok(Track {
+                free: (free.len() < n).then_some(free),
                 spec: spec.clone(),
                 width: if spec.vector { 3 } else { 1 },
                 recorded: frames.iter().map(|f| (wide(&f.cells), wide(&f.boundary))).collect(),
@@ -149,8 +154,9 @@ impl<'a> Scene<'a> {
     pub fn error(&self, k: usize, found: &[f64], frame: usize) -> SquaredError {
         let track = &self.tracks[k];
         let row = |p: usize| track.width * p..track.width * (p + 1);
-        let [found, truth] = [found, self.truth(k, frame)].map(|v| match &self.shape {
-            Some(s) => Cow::Owned(s.free.iter().flat_map(|&p| &v[row(p)]).copied().collect()),
+        let free = self.shape.as_ref().map_or(track.free.as_ref(), |s| Some(&s.free));
+        let [found, truth] = [found, self.truth(k, frame)].map(|v| match free {
+            Some(free) => Cow::Owned(free.iter().flat_map(|&p| &v[row(p)]).copied().collect()),
             None => Cow::Borrowed(v),
         });
         match track.spec.vector {
@@ -171,7 +177,9 @@ impl<'a> Scene<'a> {
             let mut sums = vec![SquaredError::default(); *last as usize + 1];
             let width = self.width(0);
             let rows = found.chunks_exact(width).zip(self.truth(0, step).chunks_exact(width));
-            for (&segment, (found, truth)) in node_segment.iter().zip(rows) {
+            let counts = |node: &usize| !self.tracks[0].boundary.is_held(*node, 0);
+            let nodes = node_segment.iter().zip(rows).enumerate().filter(|(node, _)| counts(node));
+            for (_, (&segment, (found, truth))) in nodes {
                 sums[segment as usize].add(match width {
                     3 => SquaredError::of_solved(found, truth, self.mesh.dim()),
                     _ => SquaredError::between(found, truth),
@@ -331,7 +339,11 @@ impl<'a> Scene<'a> {
         done?;
         for ((track, next), (nodes, boundary)) in self.tracks.iter().zip(next).zip(state) {
             *nodes = next;
-            let prescribed = &at(&track.recorded, i + 1).1;
+            let (held, prescribed) = at(&track.recorded, i + 1);
+            for (_, point) in track.boundary.held_points(0) {
+                let row = point * track.width..(point + 1) * track.width;
+                nodes[row.clone()].copy_from_slice(&held[row]);
+            }
             track.boundary.impose(0, track.width, nodes, prescribed, boundary);
             if track.spec.has_level() {
                 let level = self.level.of(nodes, boundary, &Comm::serial());
