@@ -26,8 +26,6 @@ use std::process::ExitCode;
 
 /// Sums of neighbours and segments come in another order: a few units in the last place of fp32 a layer.
 const TOLERANCE: f64 = 1e-5;
-/// A group whose field hardly tells the course towards a wall from the free one weighs the two by what differs in the last place.
-const TOLERANCE_GROUPS: f64 = 1e-4;
 /// Where sums differ in the last place, some are rounded to another bf16.
 const TOLERANCE_BF16: f64 = 2e-2;
 
@@ -84,7 +82,7 @@ fn run(comm: &Comm) -> Vec<String> {
                 for (precision, n_threads, resolution, tolerance) in [
                     (Precision::Fp32, 1, Resolution::Off, TOLERANCE),
                     (Precision::Fp32, 2, Resolution::Off, TOLERANCE),
-                    (Precision::Fp32, 1, groups, TOLERANCE_GROUPS),
+                    (Precision::Fp32, 1, groups, TOLERANCE),
                     (Precision::Bf16, 1, Resolution::Off, TOLERANCE_BF16),
                 ] {
                     let options = SessionOptions {
