@@ -140,9 +140,9 @@ m4gn_base::settings! {
         /// the paper's algorithm.
         #[serde(skip_serializing_if = "is_default_margin")]
         pub margin: f64 = MARGIN;
-        /// Patches that are the obstacle.
+        /// What is the obstacle: patches, or pieces of walls by the names that logs and `m4gn segment` have for them, such as `walls:2`.
         #[serde(skip_serializing_if = "Vec::is_empty")]
-        pub obstacles: Vec<String> = Vec::new(), "those of node type obstacle, else walls within the box around the mesh, else all walls";
+        pub obstacles: Vec<String> = Vec::new(), "patches of node type obstacle, else pieces of walls that do not reach the box around the mesh, else all walls";
         /// Layers of neighbours that segments reach into each other.
         pub overlap: usize = 0;
         /// The way to the modes: `auto` (by size), `direct` (factorisation) or `iterative` (multigrid).

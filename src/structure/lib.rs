@@ -24,10 +24,11 @@ mod slic;
 mod structure;
 mod top_k;
 mod walk;
+mod wall_pieces;
 
 pub use diameter::diameter;
 pub use levels::{Level, Transfer, bi_stride};
-pub use obstacle::obstacle_distance;
+pub use obstacle::{obstacle_distance, obstacle_note};
 pub use parts::parts;
 pub use quality::{Quality, quality};
 pub use record::{Record, misfit};

@@ -4,6 +4,7 @@
 //! The marks are sums over the cells of all ranks. They depend neither on the order of the cells nor on the
 //! decomposition, as long as every label stays with its cell (renumberMesh, redistributePar).
 
+use super::obstacle::obstacle_note;
 use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
 use m4gn_model::{ModalOperator, SegmentSpec};
@@ -24,6 +25,9 @@ pub struct Record {
     mesh: Vec<f64>,
     /// Sum of V (l + 1), and of V (l + 1) x in each direction, over the labels l.
     labels: Vec<f64>,
+    /// What was taken for the obstacle, for people; empty where none was.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    obstacle: String,
 }
 
 /// Sums with the sums of their terms' sizes, which differences are judged by.
@@ -108,6 +112,11 @@ impl Record {
     /// [`Error::Input`] as [`SegmentSpec::is_elastic`].
     pub fn new(mesh: &Mesh, spec: &SegmentSpec, labels: &[i32], comm: &Comm) -> Result<Self> {
         let elastic = spec.method.uses_modes() && comm.agree(spec.is_elastic(mesh))?;
+        let obstacle = match spec.method.uses_obstacle() {
+            // Where nothing was refined there may be none.
+            true => obstacle_note(mesh, &spec.obstacles, comm).unwrap_or_default(),
+            false => String::new(),
+        };
         let marks = Marks::new(mesh, labels, comm);
         let sums = |pairs: &[[f64; 2]]| pairs.iter().map(|p| p[0]).collect();
         Ok(Record {
@@ -121,6 +130,7 @@ impl Record {
             cells: marks.cells,
             mesh: sums(&marks.mesh),
             labels: sums(&marks.labels),
+            obstacle,
         })
     }
 

@@ -14,6 +14,8 @@ use m4gn_learn::inputs;
 use m4gn_learn::samples::Sample;
 use m4gn_mesh::NodeType;
 use m4gn_model::{Extent, FieldSpec, Model, ModelSpec, SegmentSpec, TrainedOn};
+use m4gn_parallel::Comm;
+use m4gn_structure::obstacle_note;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -151,8 +153,14 @@ pub(super) fn load(
             .collect()
     };
     // Those that are trained on first: their frames are needed at each step.
+    let first = train[0].clone();
     let (train, mut valid) = (read(&train)?, read(&valid)?);
     report.end();
+    let has_obstacle = spec.architecture.needs().segments && spec.segments.method.uses_obstacle();
+    if has_obstacle && first.body().is_none() {
+        let obstacle = obstacle_note(first.mesh(), &spec.segments.obstacles, &Comm::serial())?;
+        report.line(&format!("the obstacle of {}: {obstacle}", described(&first)));
+    }
     if valid.is_empty() {
         report.line("note: no trajectory of split `valid`: the best weights are chosen by errors on training trajectories");
         let count = config.training.validation_rollouts.max(1);

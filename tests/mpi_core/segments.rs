@@ -2,13 +2,13 @@
 
 use super::checks::{Checks, compare_segments};
 use m4gn_base::{Error, Result};
-use m4gn_mesh::{Mesh, NodeType};
+use m4gn_mesh::{BoundaryFace, Mesh, NodeType};
 use m4gn_model::{SegmentMethod, SegmentSpec};
 use m4gn_modes::Modal;
 use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use m4gn_structure::graph::Graph;
-use m4gn_structure::{Quality, Segmentation, obstacle_distance, quality, segment};
+use m4gn_structure::{Quality, Segmentation, obstacle_distance, obstacle_note, quality, segment};
 
 pub fn check(checks: &mut Checks) {
     let mut draw = Draw(1);
@@ -115,6 +115,15 @@ fn random_ranks(draw: &mut Draw, n: usize, size: i32) -> Vec<i32> {
 fn obstacles(checks: &mut Checks) {
     let comm = checks.comm.clone();
     let mut mesh = sample::triangles(11, 9, 1.6, 1.0);
+    let (middle, global) = (mesh.n_cells() / 2, mesh.boundary.len() as i64);
+    let inner = |k: i64| BoundaryFace {
+        owner: (middle as i64 + k) as i32,
+        global: global + k,
+        centre: [0.8 + 0.02 * k as f64, 0.5, 0.0],
+        ..mesh.boundary[0].clone()
+    };
+    let hole: Vec<BoundaryFace> = (0..5).map(inner).collect();
+    mesh.boundary.extend(hole);
     for (i, b) in mesh.boundary.iter_mut().enumerate() {
         if i % 5 == 0 {
             b.kind = NodeType::Obstacle;
@@ -123,6 +132,15 @@ fn obstacles(checks: &mut Checks) {
     let mut draw = Draw(7);
     let ranks = random_ranks(&mut draw, mesh.n_cells(), comm.size());
     let part = sample::part(&mesh, &ranks, comm.rank());
+    // Without faces of the type obstacle: the pieces of walls.
+    let mut walls = mesh.clone();
+    walls.boundary.iter_mut().for_each(|b| b.kind = NodeType::Wall);
+    walls.boundary.retain(|b| b.centre[0] > 0.0 || b.centre[1] > 0.5);
+    (0..).zip(&mut walls.boundary).for_each(|(i, b)| b.global = i);
+    let note = |mesh: &Mesh, comm: &Comm| obstacle_note(mesh, &[], comm);
+    let found = checks.value(note(&sample::part(&walls, &ranks, comm.rank()), &comm), "pieces");
+    let expected = checks.value(note(&walls, &Comm::serial()), "pieces, whole");
+    checks.that(found == expected, format!("the obstacle is {found:?}, expected {expected:?}"));
     for names in [&[][..], &["outlet".to_string()]] {
         let Some(found) = checks.value(obstacle_distance(&part, names, &comm), "obstacle") else {
             continue;

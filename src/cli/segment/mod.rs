@@ -13,8 +13,8 @@ use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
 use m4gn_model::{Model, ModelSpec, SegmentEntries, SegmentSpec};
 use m4gn_parallel::Comm;
-use m4gn_structure::Record;
 use m4gn_structure::graph::Graph;
+use m4gn_structure::{Record, obstacle_note};
 
 /// Runs the command.
 ///
@@ -48,6 +48,9 @@ pub fn run(args: Args) -> Result<()> {
         mesh.boundary.len(),
     );
     let cut = Cut::new(&mesh, &mut graph, &spec, &comm)?;
+    if spec.method.uses_obstacle() {
+        println!("obstacle: {}", obstacle_note(&mesh, &spec.obstacles, &comm)?);
+    }
     print!("{}", cut.text());
     if write {
         let modes = &cut.modes.vectors;
@@ -76,7 +79,9 @@ fn wanted(args: &Args, model: Option<&ModelSpec>, case: &SegmentEntries) -> Resu
 /// What is asked for on this mesh. A small mesh lowers the number of modes where `few_modes` allows it.
 fn fitted(mut spec: SegmentSpec, few_modes: bool, mesh: &Mesh) -> Result<SegmentSpec> {
     let n = mesh.n_cells();
-    if let Some(name) = spec.obstacles.iter().find(|o| !mesh.patches.contains(o)) {
+    let patch = |name: &str| mesh.patches.iter().any(|patch| patch == name);
+    let piece = |name: &str| name.rsplit_once(':').is_some_and(|(of, _)| patch(of));
+    if let Some(name) = spec.obstacles.iter().find(|o| !patch(o) && !piece(o)) {
         return Err(Error::Input(format!(
             "the obstacle {name} is no patch of this mesh; its patches with values: {}",
             mesh.patches.join(", ")

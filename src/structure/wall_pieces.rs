@@ -1,0 +1,183 @@
+//! The connected pieces of walls: which of them is the obstacle where no patch says so.
+
+use super::place::line;
+use m4gn_mesh::vector::{Vector, norm, sub};
+use m4gn_mesh::{BoundaryFace, Mesh, NodeType};
+use m4gn_parallel::{Comm, everywhere};
+use std::collections::{BTreeMap, HashSet};
+
+/// Faces of a patch hang together if they are not farther apart than this times the larger of their distances to the next face: twice the
+/// length of a face where lengths halve from one to the next.
+const REACH: f64 = 2.0;
+
+/// Faces closer than this, over the diagonal of the box around the walls, are at one place.
+const SAME: f64 = 1e-9;
+
+/// A connected piece of the walls of a patch, of all ranks.
+#[derive(Clone, Debug)]
+pub(super) struct Piece {
+    /// Index of the patch.
+    pub patch: i32,
+    /// Number among the pieces of its patch, in the order of their places, from 1.
+    pub number: usize,
+    /// Global numbers of its faces.
+    pub faces: HashSet<i64>,
+    /// Mean of its faces' centres, m.
+    pub centre: Vector,
+    /// Whether a face of it is on the box around the mesh.
+    pub at_box: bool,
+}
+
+/// A wall's face on any rank.
+struct Wall {
+    owner: i64,
+    global: i64,
+    patch: i32,
+    at_owner: bool,
+    centre: Vector,
+}
+
+/// The pieces of all walls, by patch and then by place, the same on all ranks. `at_box` says whether a face is on the box around the mesh.
+/// Collective.
+///
+/// At points, where a wall's node is where its owner is, pieces are those of the mesh's edges. At cells faces hang together whose owners are
+/// one or neighbours, or that are near each other.
+pub(super) fn wall_pieces(mesh: &Mesh, at_box: impl Fn(&Vector) -> bool, comm: &Comm) -> Vec<Piece> {
+    let walls = walls(mesh, comm);
+    let mut joined = Joined((0..walls.len()).collect());
+    let mut of_owner: BTreeMap<i64, Vec<usize>> = BTreeMap::new();
+    walls.iter().enumerate().for_each(|(i, wall)| of_owner.entry(wall.owner).or_default().push(i));
+    let mut join_owners = |a: i64, b: i64| {
+        let (Some(a), Some(b)) = (of_owner.get(&a), of_owner.get(&b)) else { return };
+        for (&i, &j) in a.iter().flat_map(|i| b.iter().map(move |j| (i, j))) {
+            if walls[i].patch == walls[j].patch {
+                joined.join(i, j);
+            }
+        }
+    };
+    let own = of_neighbours(mesh, &of_owner);
+    everywhere(comm, &own).as_chunks::<2>().0.iter().for_each(|&[a, b]| join_owners(a, b));
+    of_owner.keys().for_each(|&owner| join_owners(owner, owner));
+    let mut of_patch: BTreeMap<i32, Vec<usize>> = BTreeMap::new();
+    let at_cells = walls.iter().enumerate().filter(|(_, wall)| !wall.at_owner);
+    at_cells.for_each(|(i, wall)| of_patch.entry(wall.patch).or_default().push(i));
+    of_patch.into_values().for_each(|faces| join_near(&walls, faces, &mut joined));
+
+    let places: Vec<Vector> = walls.iter().map(|wall| wall.centre).collect();
+    let number = line(&places, &walls.iter().map(|wall| wall.global).collect::<Vec<_>>());
+    let mut found: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    (0..walls.len()).for_each(|i| found.entry(joined.root(i)).or_default().push(i));
+    let mut pieces: Vec<Vec<usize>> = found.into_values().collect();
+    pieces.sort_by_key(|faces| (walls[faces[0]].patch, faces.iter().map(|&i| number[i]).min()));
+    let mut counts: BTreeMap<i32, usize> = BTreeMap::new();
+    let piece = |faces: Vec<usize>| {
+        let patch = walls[faces[0]].patch;
+        let number = counts.entry(patch).or_default();
+        *number += 1;
+        let sum = |d: usize| faces.iter().map(|&i| walls[i].centre[d]).sum::<f64>();
+        Piece {
+            patch,
+            number: *number,
+            centre: std::array::from_fn(|d| sum(d) / faces.len() as f64),
+            at_box: faces.iter().any(|&i| at_box(&walls[i].centre)),
+            faces: faces.into_iter().map(|i| walls[i].global).collect(),
+        }
+    };
+    pieces.into_iter().map(piece).collect()
+}
+
+/// The walls of all ranks, in the order of their global numbers. Collective.
+fn walls(mesh: &Mesh, comm: &Comm) -> Vec<Wall> {
+    let is_wall = |b: &&BoundaryFace| b.kind == NodeType::Wall;
+    let own = || mesh.boundary.iter().filter(is_wall);
+    let at_owner = |b: &BoundaryFace| mesh.cell_centres[b.owner as usize] == b.centre;
+    let row = |b: &BoundaryFace| {
+        [mesh.cell_global[b.owner as usize], b.global, i64::from(b.patch), i64::from(at_owner(b))]
+    };
+    let numbers = everywhere(comm, &own().flat_map(row).collect::<Vec<_>>());
+    let solved =
+        |b: &BoundaryFace| [0, 1, 2].map(|d| if mesh.directions.contains(&d) { b.centre[d] } else { 0.0 });
+    let centres = everywhere(comm, &own().flat_map(solved).collect::<Vec<_>>());
+    let rows = numbers.as_chunks::<4>().0.iter().zip(centres.as_chunks::<3>().0);
+    let wall = |(&[owner, global, patch, at_owner], &centre): (&[i64; 4], &Vector)| Wall {
+        owner,
+        global,
+        patch: patch as i32,
+        at_owner: at_owner == 1,
+        centre,
+    };
+    let mut walls: Vec<Wall> = rows.map(wall).collect();
+    walls.sort_by_key(|wall| wall.global);
+    walls
+}
+
+/// Pairs of this rank's neighbouring cells that both own walls, by global numbers.
+fn of_neighbours(mesh: &Mesh, owners: &BTreeMap<i64, Vec<usize>>) -> Vec<i64> {
+    let global = |cell: i32| mesh.cell_global[cell as usize];
+    let inner = mesh.face_owner.iter().zip(&mesh.face_neighbour).map(|(&a, &b)| [global(a), global(b)]);
+    let coupled = mesh.coupled.iter().map(|face| [global(face.owner), face.global]);
+    inner.chain(coupled).filter(|pair| pair.iter().all(|cell| owners.contains_key(cell))).flatten().collect()
+}
+
+/// Joins the faces of a patch that are near each other.
+fn join_near(walls: &[Wall], mut faces: Vec<usize>, joined: &mut Joined) {
+    let extent = |d: usize| {
+        let of = |faces: &[usize]| {
+            faces
+                .iter()
+                .map(|&i| walls[i].centre[d])
+                .fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], x| [a.min(x), b.max(x)])
+        };
+        let [low, high] = of(&faces);
+        high - low
+    };
+    let sides = [0, 1, 2].map(extent);
+    let axis = (0..3).max_by(|&a, &b| sides[a].total_cmp(&sides[b])).unwrap_or(0);
+    let same = SAME * norm(sides);
+    let along = |i: usize| walls[i].centre[axis];
+    faces.sort_by(|&a, &b| along(a).total_cmp(&along(b)).then(a.cmp(&b)));
+    let apart = |i: usize, j: usize| norm(sub(walls[i].centre, walls[j].centre));
+    // The distance of each to the next one elsewhere: both ways along the axis as far as it may be nearer.
+    let next = |at: usize| {
+        let i = faces[at];
+        let mut best = f64::INFINITY;
+        let mut look = |j: usize| {
+            let far = (along(j) - along(i)).abs() > best;
+            let d = apart(i, j);
+            best = if d > same { best.min(d) } else { best };
+            !far
+        };
+        let _ = faces[at + 1..].iter().all(|&j| look(j));
+        let _ = faces[..at].iter().rev().all(|&j| look(j));
+        best
+    };
+    let next: Vec<f64> = (0..faces.len()).map(next).collect();
+    let farthest = next.iter().copied().filter(|d| d.is_finite()).fold(0.0, f64::max);
+    for (at, &i) in faces.iter().enumerate() {
+        let near = faces[at + 1..].iter().zip(&next[at + 1..]);
+        for (&j, other) in near.take_while(|(j, _)| along(**j) - along(i) <= REACH * farthest) {
+            let d = apart(i, j);
+            if d <= same || d <= REACH * next[at].max(*other) {
+                joined.join(i, j);
+            }
+        }
+    }
+}
+
+/// Which faces hang together: each knows one of its piece, the first itself.
+struct Joined(Vec<usize>);
+
+impl Joined {
+    fn root(&mut self, mut i: usize) -> usize {
+        while self.0[i] != i {
+            self.0[i] = self.0[self.0[i]];
+            i = self.0[i];
+        }
+        i
+    }
+
+    fn join(&mut self, i: usize, j: usize) {
+        let (a, b) = (self.root(i), self.root(j));
+        self.0[a.max(b)] = a.min(b);
+    }
+}
