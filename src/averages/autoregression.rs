@@ -42,6 +42,20 @@ pub fn scatter(values: &[f64]) -> Option<Scatter> {
     Some(found)
 }
 
+/// Number of [`batches`].
+const BATCHES: usize = 8;
+
+/// The variance of the mean of `values` by the scatter of eight batches, which a slow part of small variance cannot hide from.
+///
+/// None for fewer than 16 values; the first ones are left out where eight does not divide their number.
+pub fn batches(values: &[f64]) -> Option<Scatter> {
+    let size = values.len() / BATCHES;
+    let whole = &values[values.len() - BATCHES * size..];
+    let means: Vec<f64> =
+        whole.chunks_exact(size.max(1)).map(|c| c.iter().sum::<f64>() / size as f64).collect();
+    (size >= 2).then(|| of_values(&means)).flatten()
+}
+
 /// The variance of the mean of `values` by an autoregressive spectral estimate at frequency 0.
 ///
 /// Coefficients by Burg's recursion; the order is that of the least corrected Akaike criterion. With the coefficients a_j and the
@@ -141,6 +155,11 @@ mod tests {
         assert!((found.of_mean - 10.0 / 12.0).abs() < 1e-12 && found.freedom == 3.0, "{found:?}");
         assert_eq!(scatter(&[2.0; 50]).unwrap().of_mean, 0.0);
         assert_eq!(scatter(&[2.0]), None);
+        // Batches of two each: the textbook's error of their means
+        let values: Vec<f64> = (0..17).map(f64::from).collect();
+        let found = batches(&values).unwrap();
+        assert!((found.of_mean - 24.0 / 8.0).abs() < 1e-12 && found.freedom == 7.0, "{found:?}");
+        assert_eq!(batches(&values[..15]), None);
     }
 
     #[test]

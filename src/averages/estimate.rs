@@ -1,6 +1,6 @@
 //! Mean, fluctuations and frequency of a series, and how well they are known.
 
-use crate::autoregression::{Scatter, scatter};
+use crate::autoregression::{Scatter, batches, scatter};
 use crate::series::{Row, Series};
 use crate::{spectrum, student, transient};
 
@@ -60,7 +60,7 @@ const HAS_FREQUENCY: f64 = 0.3;
 /// Root mean square of the change from period to period, over that of the fluctuations, below which a signal repeats itself.
 const REPEATS: f64 = 0.05;
 /// Fewest independent samples of a mean that is known, unless the signal repeats itself or settles.
-const MIN_SAMPLES: f64 = 40.0;
+const MIN_SAMPLES: f64 = 60.0;
 /// Fewest degrees of freedom of the same.
 const MIN_FREEDOM: f64 = 15.0;
 /// A run stops when an interval is narrow, and intervals are narrow too often where their variance was found too small. They are
@@ -70,6 +70,8 @@ const CAUTION_MEAN: f64 = 1.0;
 const CAUTION_SQUARE: f64 = 3.0;
 /// Largest ratio of the ranges of successive eighths of a record that settles to one value.
 const SETTLES: f64 = 0.7;
+/// Share of its whole range within which a record has settled.
+const SETTLED: f64 = 0.01;
 
 /// Periods from which on the means of a signal that repeats itself are all that its mean can be: few of them look like the slowest memory.
 const MIN_PERIODS: usize = 8;
@@ -100,12 +102,12 @@ struct Record {
 /// Estimates of a series at this confidence (0.95: 19 of 20 intervals have the true value within them).
 ///
 /// The transient of values and of their squares is cut by MSER ([`crate::transient::mser`]), from the end over whole periods where more than half of the
-/// variance is at one frequency. The interval of the mean is Student's, with variance and degrees of freedom of [`scatter`] of up to 512 means of
-/// equal pieces. The rms is the root of the mean square, whose interval is found in the same way. A mean drifts if the slope
+/// variance is at one frequency. The interval of the mean is the wider one of two of Student's: with variance and degrees of freedom of
+/// [`scatter`] of up to 512 means of equal pieces, and of eight batches of them ([`batches`]), which see what is slow. The rms is the root of the mean square, whose interval is found in the same way. A mean drifts if the slope
 /// of those pieces is beyond what their scatter about it allows at this confidence.
 ///
 /// A record whose last four eighths range over less and less settles to one value (a steady solver's): the mean is that of the last eighth, and
-/// the interval holds all that a geometric series of ranges leaves.
+/// the interval holds all that a geometric series of ranges leaves, which is at most a hundredth of the whole range.
 ///
 /// None for fewer than 16 rows, and for values whose squares are no numbers.
 pub fn estimate(series: &Series, confidence: f64) -> Option<Estimate> {
@@ -195,11 +197,13 @@ fn record(series: &Series) -> Record {
 }
 
 /// Where the transient of the values and of their fluctuations ends, and whether that is so late that it may not have ended.
+///
+/// Twice the length that MSER cuts: there, what decays exponentially has left as much as the scatter hides, and a mean of hundreds of values shows it.
 fn transient_end(series: &Series, (from, to): (f64, f64), n: usize, centre: f64) -> (f64, bool) {
     let values = series.pieces((from, to), n, |r| r.value);
     let squares = series.pieces((from, to), n, |r| (r.value - centre).powi(2));
     let cut = [values, squares].iter().map(|v| transient::mser(v, TRANSIENT_SLACK)).max().unwrap_or(0);
-    (from + cut as f64 / n as f64 * (to - from), cut >= n / 2)
+    (from + (2 * cut).min(n / 2) as f64 / n as f64 * (to - from), cut >= n / 2)
 }
 
 #[derive(Clone, Copy)]
@@ -218,9 +222,13 @@ fn oscillation(series: &Series, (from, to): (f64, f64)) -> Option<Oscillation> {
 
 /// The interval of the mean of these values, and whether they drift.
 fn known(values: &[f64], confidence: f64, caution: f64, small: f64) -> Option<Known> {
-    let Scatter { of_mean, freedom, .. } = scatter(values).filter(|s| s.of_mean.is_finite())?;
-    let wider = 1.0 + caution / (2.0 * freedom).sqrt();
-    let half_width = student::two_sided(confidence, freedom) * of_mean.sqrt() * wider;
+    let found = scatter(values).filter(|s| s.of_mean.is_finite())?;
+    let student = |s: &Scatter| student::two_sided(confidence, s.freedom) * s.of_mean.sqrt();
+    let wider = 1.0 + caution / (2.0 * found.freedom).sqrt();
+    let few = batches(values);
+    let half_width = few.as_ref().map_or(0.0, student).max(student(&found) * wider);
+    let of_mean = few.map_or(0.0, |s| s.of_mean).max(found.of_mean);
+    let freedom = found.freedom;
     let n = values.len() as f64;
     let change = n * spectrum::line(values).1.abs();
     let significant = values.len() >= 3 && of_mean > 0.0 && {
@@ -261,7 +269,8 @@ fn settling(series: &Series) -> Option<Estimate> {
     let range = (edge(1), end);
     let mean = series.mean(range, |r| r.value);
     let left = ranges[3] / (1.0 - ratio);
-    (ratio <= SETTLES && ranges.iter().all(|r| r.is_finite()) && left.is_finite()).then(|| Estimate {
+    let few = ranges.iter().any(|r| !r.is_finite());
+    (!few && ratio <= SETTLES && left <= SETTLED * spread(series, (0.0, end))).then(|| Estimate {
         half_width: left,
         rms: series.mean(range, |r| (r.value - mean).powi(2)).sqrt(),
         rms_half_width: f64::INFINITY,
@@ -297,7 +306,7 @@ fn constant(series: &Series, range: (f64, f64), mean: f64) -> Estimate {
 fn spread(series: &Series, range: (f64, f64)) -> f64 {
     let values: Vec<f64> = series.within(range).iter().map(|r| r.value).collect();
     let size = values.iter().fold(0.0, |size: f64, v| size.max(v.abs()));
-    match values.len() < 4 {
+    match values.len() < 8 {
         true => f64::INFINITY,
         false => Some(extent(&values)).filter(|e| *e > 1e-12 * size).unwrap_or(0.0),
     }

@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 /// The processes that intervals are counted on.
 pub const ALL: [(&str, Kind); 10] = [
     ("AR(1) 0.5", Kind::Ar(0.5)),
-    ("AR(1) 0.8", Kind::Ar(0.8)),
+    ("AR(1) 0.9", Kind::Ar(0.9)),
     ("AR(1) 0.95", Kind::Ar(0.95)),
     ("AR(1) 0.99", Kind::Ar(0.99)),
     ("Ornstein-Uhlenbeck", Kind::OrnsteinUhlenbeck),
