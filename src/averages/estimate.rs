@@ -51,8 +51,6 @@ const TRANSIENT_VALUES: usize = 256;
 const TRANSIENT_SLACK: f64 = 0.1;
 /// Most values that a series is reduced to for the scatter of its mean.
 const SCATTER_VALUES: usize = 512;
-/// Most values that a frequency is looked for in.
-const SPECTRUM_VALUES: usize = 1 << 14;
 /// Share of the variance from which the mean is taken over whole periods.
 const OSCILLATES: f64 = 0.5;
 /// Share of the variance from which a frequency is told.
@@ -215,7 +213,7 @@ struct Oscillation {
 
 fn oscillation(series: &Series, (from, to): (f64, f64)) -> Option<Oscillation> {
     let rows = (series.len() as f64 * (to - from) / to) as usize;
-    let values = series.pieces((from, to), rows.clamp(8, SPECTRUM_VALUES), |r| r.value);
+    let values = series.pieces((from, to), rows.clamp(8, spectrum::MOST_VALUES), |r| r.value);
     let line = spectrum::dominant(&values)?;
     Some(Oscillation { periods: line.periods, share: line.share, record: to - from })
 }

@@ -7,6 +7,7 @@ mod processes;
 pub mod saved;
 pub mod series;
 mod shown;
+pub mod sine;
 pub mod spectrum;
 pub mod student;
 pub mod table;

@@ -1,5 +1,7 @@
 //! The dominant frequency.
 
+use crate::{Row, Series, sine};
+use realfft::RealFftPlanner;
 use std::f64::consts::TAU;
 
 /// What oscillates.
@@ -13,13 +15,15 @@ pub struct Line {
 
 /// Fewest periods in a record: below, a drift and an oscillation are not told apart.
 const MIN_PERIODS: f64 = 1.5;
+/// Most values that a frequency is looked for in.
+pub const MOST_VALUES: usize = 1 << 14;
 /// Most values that a frequency is refined on.
 const REFINED_ON: usize = 4096;
 
 /// The strongest line in the spectrum of equidistant values, each the mean over its interval.
 ///
-/// Hann's window on the values about a straight line, transformed with at least as many zeros; the highest frequency is that of
-/// 4 values. The least squares fit of a sine refines the maximum.
+/// Hann's window on the values about a straight line, transformed with at least as many zeros; the fit of a sine ([`sine::refined`])
+/// refines the maximum.
 pub fn dominant(values: &[f64]) -> Option<Line> {
     let n = values.len();
     let centred = about_line(values);
@@ -28,15 +32,16 @@ pub fn dominant(values: &[f64]) -> Option<Line> {
         return None;
     }
     let length = 2 * n.next_power_of_two();
-    let mut signal = vec![(0.0, 0.0); length];
-    for (i, v) in centred.iter().enumerate() {
-        signal[i].0 = v * (0.5 - 0.5 * (TAU * (i as f64 + 0.5) / n as f64).cos());
+    let transform = RealFftPlanner::<f64>::new().plan_fft_forward(length);
+    let (mut signal, mut found) = (transform.make_input_vec(), transform.make_output_vec());
+    for (i, (to, v)) in signal.iter_mut().zip(&centred).enumerate() {
+        *to = v * (0.5 - 0.5 * (TAU * (i as f64 + 0.5) / n as f64).cos());
     }
-    transform(&mut signal);
-    let spectrum: Vec<f64> = signal[..=length / 2].iter().map(|(re, im)| re * re + im * im).collect();
+    transform.process(&mut signal, &mut found).ok()?;
+    let spectrum: Vec<f64> = found.iter().map(|c| c.norm_sqr()).collect();
     // Entries of the spectrum for each period in the record
     let per_period = length as f64 / n as f64;
-    let (lowest, highest) = ((MIN_PERIODS * per_period).ceil() as usize, length / 4);
+    let (lowest, highest) = ((MIN_PERIODS * per_period).ceil() as usize, length / 2);
     let best = (lowest..highest).max_by(|a, b| spectrum[*a].total_cmp(&spectrum[*b]))?;
     let total: f64 = spectrum.iter().sum();
     let near = |periods: f64| {
@@ -46,11 +51,32 @@ pub fn dominant(values: &[f64]) -> Option<Line> {
         if range.start >= range.end { 0.0 } else { spectrum[range].iter().sum::<f64>() }
     };
     let found = best as f64 / per_period;
-    let periods = refined(&centred, found, 1.0 / per_period);
+    let group = n.div_ceil(REFINED_ON);
+    let row = |(i, c): (usize, &[f64])| Row {
+        time: (i as f64 + 0.5) * (group as f64) / n as f64,
+        value: c.iter().sum::<f64>() / c.len() as f64,
+        weight: c.len() as f64,
+        surrogate: false,
+    };
+    // Means hide what is faster than they are
+    let told = group == 1 || found * (4 * group) as f64 <= n as f64;
+    let rows = || values.chunks(group).enumerate().map(row).collect::<Vec<_>>();
+    let periods = told.then(|| sine::refined(&rows(), found, 1.0)).flatten().unwrap_or(found);
     let harmonics =
         [2.0, 3.0].map(|k| k * periods).into_iter().filter(|p| *p * per_period < length as f64 / 2.0);
     let share = (near(periods) + harmonics.map(near).sum::<f64>()) / total;
     Some(Line { periods, share: share.min(1.0) })
+}
+
+/// The dominant frequency, 1/s, of values at times that need not be equidistant, each row standing for the time since the one before.
+///
+/// None for fewer than 8 rows, and where no sine of at least 1.5 periods explains a fifth of the variance about a straight line.
+pub fn frequency(times: &[f64], values: &[f64]) -> Option<f64> {
+    let series = Series::of(times, values);
+    let duration = series.duration();
+    let equidistant = series.pieces((0.0, duration), series.len().clamp(1, MOST_VALUES), |r| r.value);
+    let found = dominant(&equidistant)?.periods / duration;
+    sine::refined(series.rows(), found, 0.5 / duration)
 }
 
 /// The values less the straight line that fits them best.
@@ -69,106 +95,10 @@ pub fn line(values: &[f64]) -> (f64, f64) {
     (mean, along / (n * (n * n - 1.0) / 12.0).max(f64::MIN_POSITIVE))
 }
 
-/// Golden-section search of the frequency whose sine explains most, `step` periods about `periods`.
-fn refined(values: &[f64], periods: f64, step: f64) -> f64 {
-    let group = values.len().div_ceil(REFINED_ON);
-    let coarse: Vec<f64> = values.chunks(group).map(|c| c.iter().sum::<f64>() / c.len() as f64).collect();
-    if coarse.len() as f64 <= 4.0 * periods {
-        return periods;
-    }
-    let explained = |p: f64| explained(&coarse, p * group as f64 / values.len() as f64);
-    let ratio = 0.5 * (5.0_f64.sqrt() - 1.0);
-    let (mut low, mut high) = (periods - step, periods + step);
-    let (mut x1, mut x2) = (high - ratio * (high - low), low + ratio * (high - low));
-    let (mut f1, mut f2) = (explained(x1), explained(x2));
-    for _ in 0..24 {
-        if f1 < f2 {
-            (low, x1, f1) = (x1, x2, f2);
-            x2 = low + ratio * (high - low);
-            f2 = explained(x2);
-        } else {
-            (high, x2, f2) = (x2, x1, f1);
-            x1 = high - ratio * (high - low);
-            f1 = explained(x1);
-        }
-    }
-    0.5 * (low + high)
-}
-
-/// Sum of squares that a constant and a sine of this frequency (periods for each value) explain beyond the constant.
-fn explained(values: &[f64], frequency: f64) -> f64 {
-    let (turn_s, turn_c) = (TAU * frequency).sin_cos();
-    let (mut s, mut c) = (0.0_f64, 1.0_f64);
-    let n = values.len() as f64;
-    let [mut sy, mut ss, mut sc, mut sss, mut scc, mut ssc, mut sys, mut syc] = [0.0; 8];
-    for y in values {
-        sy += y;
-        ss += s;
-        sc += c;
-        sss += s * s;
-        scc += c * c;
-        ssc += s * c;
-        sys += y * s;
-        syc += y * c;
-        (s, c) = (s * turn_c + c * turn_s, c * turn_c - s * turn_s);
-    }
-    let (sss, scc, ssc) = (sss - ss * ss / n, scc - sc * sc / n, ssc - ss * sc / n);
-    let (sys, syc) = (sys - sy * ss / n, syc - sy * sc / n);
-    let determinant = sss * scc - ssc * ssc;
-    if determinant <= 1e-12 * sss * scc {
-        return 0.0;
-    }
-    (sys * sys * scc - 2.0 * sys * syc * ssc + syc * syc * sss) / determinant
-}
-
-/// The discrete Fourier transform in place; the length is a power of two.
-fn transform(x: &mut [(f64, f64)]) {
-    let n = x.len();
-    let mut j = 0;
-    for i in 1..n {
-        let mut bit = n >> 1;
-        while j & bit != 0 {
-            j ^= bit;
-            bit >>= 1;
-        }
-        j |= bit;
-        if i < j {
-            x.swap(i, j);
-        }
-    }
-    let turns: Vec<(f64, f64)> = (0..n / 2).map(|k| (-TAU * k as f64 / n as f64).sin_cos()).collect();
-    let mut half = 1;
-    while half < n {
-        let stride = n / (2 * half);
-        for block in x.chunks_exact_mut(2 * half) {
-            let (low, high) = block.split_at_mut(half);
-            for (k, (a, b)) in low.iter_mut().zip(high).enumerate() {
-                let (s, c) = turns[k * stride];
-                let t = (b.0 * c - b.1 * s, b.0 * s + b.1 * c);
-                *b = (a.0 - t.0, a.1 - t.1);
-                *a = (a.0 + t.0, a.1 + t.1);
-            }
-        }
-        half *= 2;
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_transform_is_that_of_the_sum() {
-        let values: Vec<f64> = (0..16).map(|i| f64::from((i * i) % 7) - 2.0).collect();
-        let mut x: Vec<(f64, f64)> = values.iter().map(|v| (*v, 0.0)).collect();
-        transform(&mut x);
-        for (k, (re, im)) in x.iter().enumerate() {
-            let sum = |f: fn(f64) -> f64| -> f64 {
-                values.iter().enumerate().map(|(i, v)| v * f(-TAU * (i * k) as f64 / 16.0)).sum()
-            };
-            assert!((re - sum(f64::cos)).abs() < 1e-12 && (im - sum(f64::sin)).abs() < 1e-12, "{k}");
-        }
-    }
+    use rand::{RngExt, SeedableRng};
 
     #[test]
     fn a_sine_on_a_line_is_found_with_its_periods() {
@@ -182,5 +112,77 @@ mod tests {
             assert!(found.share > 0.95, "{found:?}");
         }
         assert_eq!(dominant(&[1.0; 100]), None);
+    }
+
+    fn record(duration: f64, step: f64, signal: impl Fn(f64) -> f64) -> (Vec<f64>, Vec<f64>) {
+        let times: Vec<f64> =
+            (0..=(duration / step).round() as usize).map(|i| 1.0 + i as f64 * step).collect();
+        let values = times.iter().map(|&t| signal(t)).collect();
+        (times, values)
+    }
+
+    #[test]
+    fn pure_sine_is_found_exactly() {
+        // 3.7 Hz over 5 s, five samples a period.
+        let (times, values) =
+            record(5.0, 1.0 / (5.0 * 3.7), |t| 0.8 * (std::f64::consts::TAU * 3.7 * t + 0.4).sin());
+        let found = frequency(&times, &values).unwrap();
+        assert!((found - 3.7).abs() < 1e-6, "{found:?}");
+    }
+
+    #[test]
+    fn noise_drift_and_offset_cost_less_than_one_per_cent() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
+        for trial in 0..50 {
+            let f = 1.5 + 4.0 * rng.random::<f64>();
+            let noise: Vec<f64> = (0..400).map(|_| rng.random::<f64>() - 0.5).collect();
+            let (times, mut values) = record(5.0, 1.0 / (5.0 * f), |t| {
+                3.0 + 0.5 * t + (std::f64::consts::TAU * f * t + trial as f64).sin()
+            });
+            // Uniform noise with a root mean square of 0.2, a fifth of the amplitude.
+            values.iter_mut().zip(&noise).for_each(|(v, e)| *v += 0.2 * 12.0_f64.sqrt() * e);
+            let found = frequency(&times, &values).unwrap();
+            assert!((found / f - 1.0).abs() < 0.01, "trial {trial}: {f} found as {found:?}");
+        }
+    }
+
+    #[test]
+    fn the_fundamental_wins_over_a_third_harmonic() {
+        let w = std::f64::consts::TAU * 2.0;
+        let (times, values) = record(4.0, 0.02, |t| (w * t).sin() + 0.3 * (3.0 * w * t).sin());
+        let found = frequency(&times, &values).unwrap();
+        assert!((found - 2.0).abs() < 0.002, "{found:?}");
+    }
+
+    /// A row a solver step and a row a stride, as a run with jumps has them.
+    #[test]
+    fn rows_weigh_by_their_time() {
+        let mut times = vec![0.0];
+        while times[times.len() - 1] < 100.0 {
+            let solver = times.len() % 60 < 40;
+            times.push(times[times.len() - 1] + if solver { 0.005 } else { 0.25 });
+        }
+        let wave = |t: f64| 2.0 + (std::f64::consts::TAU * 0.163 * t).sin();
+        let values: Vec<f64> = times.iter().map(|&t| wave(t)).collect();
+        let found = frequency(&times, &values).unwrap();
+        assert!((found / 0.163 - 1.0).abs() < 2e-3, "{found}");
+    }
+
+    #[test]
+    fn unequal_steps_are_allowed() {
+        let times: Vec<f64> = (0..60).map(|i| 0.05 * i as f64 + 0.01 * (i % 3) as f64).collect();
+        let values: Vec<f64> = times.iter().map(|t| (std::f64::consts::TAU * 2.3 * t).cos()).collect();
+        assert!((frequency(&times, &values).unwrap() - 2.3).abs() < 1e-6);
+    }
+
+    #[test]
+    fn steady_lines_noise_and_short_records_have_no_frequency() {
+        let (times, values) = record(5.0, 0.05, |t| 2.0 - 0.1 * t);
+        assert_eq!(frequency(&times, &values), None);
+        assert_eq!(frequency(&times, &vec![1.0; times.len()]), None);
+        assert_eq!(frequency(&times[..5], &values[..5]), None);
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let noise: Vec<f64> = (0..times.len()).map(|_| rng.random::<f64>()).collect();
+        assert_eq!(frequency(&times, &noise), None);
     }
 }

@@ -10,7 +10,7 @@
 //! | [`study`] | networks on data sets, compared | [`study::run`] |
 //! | [`bench`] | what a step costs | [`bench::Workload`], [`bench::Trial`] |
 //!
-//! They share [`errors`] of fields, [`signal`] (spectra and statistics), digests of inputs, and [`foam_case`], OpenFOAM's cases.
+//! They share [`errors`] of fields, [`signal`] (statistics), digests of inputs, and [`foam_case`], OpenFOAM's cases.
 
 pub mod bench;
 pub mod calibrate;

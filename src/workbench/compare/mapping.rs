@@ -1,6 +1,6 @@
 //! Values of one mesh at the cell centres of another.
 
-use crate::signal::eliminate;
+use m4gn_averages::sine::eliminate;
 
 /// Neighbours that a value is made of.
 const NEIGHBOURS: usize = 12;

@@ -5,7 +5,7 @@ use super::report::{Row, both_runs};
 use super::{Options, known};
 use crate::errors::FieldErrors;
 use crate::foam_case::{Description, FoamCase};
-use crate::signal;
+use m4gn_averages::spectrum;
 use m4gn_base::{Error, Result};
 use m4gn_report::{Page, number, percent, seconds};
 use serde::Serialize;
@@ -75,8 +75,7 @@ impl Motion {
             [full, hybrid].map(|all| all.iter().map(|f| f[cell][component]).collect::<Vec<_>>());
         let off: Vec<f64> = point_a.iter().zip(&point_b).map(|(p, q)| q - p).collect();
         let square = off.iter().map(|e| e * e).sum::<f64>() / off.len() as f64;
-        let frequency =
-            [&point_a, &point_b].map(|v| signal::dominant_oscillation(times, v).map(|o| o.frequency));
+        let frequency = [&point_a, &point_b].map(|v| spectrum::frequency(times, v));
         let squares = full.iter().flatten().map(square_of);
         let range = squares.fold(0.0, f64::max).sqrt();
         let largest = errors.error.iter().copied().fold(0.0, f64::max);

@@ -1,6 +1,7 @@
 //! Something over time in one run: what is told of it, and how many times that takes.
 
 use crate::signal;
+use m4gn_averages::spectrum;
 use serde::Serialize;
 
 /// Fewest times of a mean, of what varies by and of a frequency.
@@ -39,11 +40,11 @@ impl Series {
             return Statistics::default();
         }
         let resolved = self.times.windows(2).all(|w| w[1] - w[0] <= longest * (1.0 + 1e-6));
-        let found = resolved.then(|| signal::oscillation_of_rows(&self.times, &self.values)).flatten();
+        let found = resolved.then(|| spectrum::frequency(&self.times, &self.values)).flatten();
         Statistics {
             mean: Some(signal::mean(&self.times, &self.values)),
             rms: Some(signal::fluctuation(&self.times, &self.values)),
-            frequency: found.map(|o| o.frequency),
+            frequency: found,
         }
     }
 }
