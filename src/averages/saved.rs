@@ -5,7 +5,7 @@ use m4gn_base::{Error, Result, files};
 use std::path::Path;
 
 /// What a file of series begins with.
-const MAGIC: &[u8; 8] = b"m4gnAvg1";
+const MAGIC: &[u8; 8] = b"m4gnAvg2";
 
 /// A series as it was: its name, its state of checks, and its rows.
 pub struct Saved {
@@ -17,7 +17,8 @@ pub struct Saved {
     pub rows: Vec<Row>,
 }
 
-/// Writes named series as one whole file: for each its name, its state of checks and its rows, numbers in little endian.
+/// Writes named series as one whole file: for each its name, its state of checks and its rows, numbers in little
+/// endian; last the CRC-32C of what is before.
 ///
 /// # Errors
 /// [`Error::File`] where it cannot be written.
@@ -35,51 +36,51 @@ pub fn write<'a>(path: &Path, all: impl IntoIterator<Item = (&'a str, &'a Watch)
             }
         }
     }
+    bytes.extend(crc32c::crc32c(&bytes).to_le_bytes());
     files::write_whole(path, &bytes)
 }
 
 /// Reads the series of a file.
 ///
 /// # Errors
-/// [`Error::File`] with the byte at which the file is no such file.
+/// [`Error::File`] where the file cannot be read, and where it is not as [`write`] has left it.
 pub fn read(path: &Path) -> Result<Vec<Saved>> {
     let bytes = files::read(path).map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
-    parse(&bytes).map_err(|at| {
+    parse(&bytes).ok_or_else(|| {
         Error::file(
             path,
-            format!("expected series of m4gnAverages, found something else at byte {at}; remove it"),
+            "expected series of m4gnAverages, found a file that is damaged or another one; remove it",
         )
     })
 }
 
-/// The same of its bytes; an error is the place of what is wrong.
-pub fn parse(bytes: &[u8]) -> std::result::Result<Vec<Saved>, usize> {
-    let mut at = MAGIC.len();
-    if bytes.get(..at) != Some(MAGIC) {
-        return Err(0);
-    }
+/// The same of its bytes; none where a bit is not as it was written.
+pub fn parse(bytes: &[u8]) -> Option<Vec<Saved>> {
+    let (body, sum) = bytes.split_last_chunk::<4>()?;
+    let mut rest = body.strip_prefix(MAGIC).filter(|_| crc32c::crc32c(body).to_le_bytes() == *sum)?;
     let mut all = Vec::new();
-    while at < bytes.len() {
+    while !rest.is_empty() {
         let mut take = |count: usize| {
-            let end = at.checked_add(count).filter(|end| *end <= bytes.len()).ok_or(at)?;
-            let part = &bytes[at..end];
-            at = end;
-            Ok::<&[u8], usize>(part)
+            let (part, after) = rest.split_at_checked(count)?;
+            rest = after;
+            Some(part)
         };
-        let head = take(32)?.to_vec();
-        let number = |i: usize| {
-            usize::try_from(u64::from_le_bytes(head[8 * i..8 * i + 8].try_into().unwrap_or_default()))
-        };
-        let [Ok(length), Ok(next), Ok(met), Ok(count)] = [0, 1, 2, 3].map(number) else { return Err(at) };
+        let head: Vec<u64> = words(take(32)?).map(u64::from_le_bytes).collect();
+        let [length, next, met, count] = [0, 1, 2, 3].map(|i| usize::try_from(head[i]).unwrap_or(usize::MAX));
         let name = String::from_utf8_lossy(take(length)?).into_owned();
-        let numbers = take(count.checked_mul(32).ok_or(0_usize)?)?;
-        let rows = numbers.chunks_exact(32).map(|row| {
-            let of = |i: usize| f64::from_le_bytes(row[8 * i..8 * i + 8].try_into().unwrap_or_default());
-            Row { time: of(0), value: of(1), weight: of(2), surrogate: of(3) != 0.0 }
-        });
-        all.push(Saved { name, state: (next, met != 0), rows: rows.collect() });
+        let row = |row: &[u8]| {
+            let n: Vec<f64> = words(row).map(f64::from_le_bytes).collect();
+            Row { time: n[0], value: n[1], weight: n[2], surrogate: n[3] != 0.0 }
+        };
+        let rows = take(count.checked_mul(32)?)?.chunks_exact(32).map(row).collect();
+        all.push(Saved { name, state: (next, met != 0), rows });
     }
-    Ok(all)
+    Some(all)
+}
+
+/// Each eight bytes.
+fn words(bytes: &[u8]) -> impl Iterator<Item = [u8; 8]> {
+    bytes.chunks_exact(8).map(|word| word.try_into().unwrap_or_default())
 }
 
 #[cfg(test)]
@@ -104,7 +105,7 @@ mod tests {
         assert_eq!((all[1].name.as_str(), all[1].rows.len()), ("Cl", 0));
         let bytes = std::fs::read(&path).unwrap();
         for end in [0, 7, 20, 41, 100] {
-            assert!(parse(&bytes[..end]).is_err(), "{end} bytes");
+            assert!(parse(&bytes[..end]).is_none(), "{end} bytes");
         }
         assert!(read(&folder.path().join("none")).is_err());
     }
