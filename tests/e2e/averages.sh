@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # m4gnAverages: a run in a pulsating flow ends when the mean and the rms of the drag are known, with figures that a longer run's lie within;
-# it carries on from any write time; two ranks end as one; errors are told by entry.
+# it carries on from any write time, after a kill too, and not from series that are damaged; two ranks end as one; errors are told by entry; strides of a
+# surrogate weigh as the time that they stand for; a steady solver's values that settle are known.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
@@ -9,9 +10,10 @@ foamDictionary -entry boundaryField.inlet 0/U -set \
     '{ type uniformFixedValue; uniformValue { type sine; frequency 10; amplitude 0.3; scale (1 0 0); level (1 0 0); } }' \
     > log.inlet || fail "the pulsating inlet: $(cat log.inlet)"
 
-# averages ENTRIES: forceCoeffs and m4gnAverages with these entries beside quantities
+# averages ENTRIES: forceCoeffs and m4gnAverages with these entries beside quantities, behind what is in $beside
 averages() {
     cat > system/functions <<EOD
+${beside:-}
 forces
 {
     type forceCoeffs; libs (forces); patches (cylinder);
@@ -69,7 +71,34 @@ sed -i 's/^startFrom .*/startFrom latestTime;/' system/controlDict
 runs icoFoam
 grep -q 'carries on with the series of' log.run || fail "the log does not say that the series were carried on"
 [ "$(last_time)" = "$end" ] || fail "carried on, the run ended at $(last_time), and not at $end"
+
+# From series that are damaged it does not
+rm -rf postProcessing "$end"
+printf '\x2a' | dd of="$(last_time)/uniform/averages.state" bs=1 seek=1000 conv=notrunc status=none
+runs icoFoam
+expect_log 'averages begins anew: .*averages.state: expected series of m4gnAverages, found a file that is damaged'
 sed -i 's/^startFrom .*/startFrom startTime;/' system/controlDict
+
+# Carried on after a kill: the table of a run without one
+clean_case
+averages ''
+sed -i 's/^writeFormat .*/writeFormat binary;/' system/controlDict
+runs icoFoam
+rows postProcessing/averages/0/averages.dat > ../whole.dat
+clean_case
+icoFoam > log.killed 2>&1 &
+killed=$!
+until grep -q '^Time = 1\.[3-9]' log.killed; do kill -0 $killed || fail "the run ended before it was killed"; sleep 0.1; done
+kill -9 $killed
+wait $killed || true
+sed -i 's/^startFrom .*/startFrom latestTime;/' system/controlDict
+runs icoFoam
+expect_log 'carries on with the series of'
+from=$(find postProcessing/averages -mindepth 1 -name '[1-9]*' -printf '%f\n')
+rows "postProcessing/averages/$from/averages.dat" > ../carried.dat
+[ "$(wc -l < ../carried.dat)" -gt 1 ] || fail "no checks after the kill"
+same_rows "$(awk -v from="$from" '$1 > from' ../whole.dat)" "$(cat ../carried.dat)"
+sed -i 's/^startFrom .*/startFrom startTime;/; s/^writeFormat .*/writeFormat ascii;/' system/controlDict
 
 # Two ranks end as one
 clean_case
@@ -91,3 +120,34 @@ ill_formed 'Entry relative of .*expected a positive number' 'quantities { Cd { r
 ill_formed 'expected one of them, found both' 'quantities { Cd { tolerance 1; } }'
 ill_formed 'of functionObject force, which this run has not' 'quantities { Cd { functionObject force; result Cd; } }'
 ill_formed 'publishes no Cx It publishes: ' 'quantities { Cd { functionObject forces; result Cx; } }'
+
+# A steady solver's values settle, and are known
+cd "$work"
+make_case steady endTime 2000 deltaT 1 writeControl timeStep writeInterval 2000
+laminar 0.02
+control application simpleFoam
+sed -i 's/default *Euler;/default steadyState;/' system/fvSchemes
+echo 'SIMPLE { consistent yes; } relaxationFactors { equations { U 0.9; } }' >> system/fvSolution
+averages 'stop yes;'
+sed -i '/Cd2/d' system/functions
+runs simpleFoam
+expect_log 'm4gn: Cd .*, known$'
+holds "$(last_time) < 1000" "iterations until the drag is known"
+known=$(figure . Cd mean) half=$(figure . Cd half_width)
+averages ''
+clean_case
+runs simpleFoam
+settled=$(awk 'END { print $2 }' postProcessing/forces/0/coefficient.dat)
+holds "($known - $settled)^2 <= $half^2" "the drag $settled of 2000 iterations is within $half of $known:"
+
+# Strides of a surrogate weigh as their time, and the share that came from it is told
+cd "$work"
+make_case jumps endTime 4 writeInterval 0.5 writeFormat binary
+beside='test { type m4gnSurrogate; libs (m4gnFoam); mode replace; surrogates (dmd); timeStart 2;
+    dmd { snapshotInterval 0.05; minSnapshots 24; fitTolerance 0.025; } }'
+averages ''
+runs icoFoam
+replaces 0.2 icoFoam
+told=$(calc "$(figure . Cd surrogate_share)*(4 - $(figure . Cd transient_end))")
+holds "($told - $(entry replaced_time))^2 < 1e-4" "s from a surrogate, by the share that is told and by its own account: $told, $(entry replaced_time);"
+expect_log 'm4gn: Cd .* % of the time from a surrogate'
