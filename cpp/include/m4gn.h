@@ -102,8 +102,9 @@ void m4gn_finalize(void);
  *                              (the paper)
  *   margin          0.00001    By how much of S a centroid must be nearer to take a cell away, so that ties of symmetric meshes
  *                              stay where they are; 0 is the paper's algorithm
- *   obstacles       []         Patches that are the obstacle; []: those of node type obstacle, else walls within the box around
- *                              the mesh, else all walls
+ *   obstacles       []         What is the obstacle: patches, or pieces of walls by the names that logs and m4gn segment have
+ *                              for them, such as walls:2; []: patches of node type obstacle, else pieces of walls that do not
+ *                              reach the box around the mesh, else all walls
  *   overlap         0          Layers of neighbours that segments reach into each other
  *   modal_solver    "auto"     The way to the modes: auto (by size), direct (factorisation) or iterative (multigrid)
  * [end]
