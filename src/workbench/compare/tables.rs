@@ -46,6 +46,7 @@ impl Table {
         // The last line of a run that was killed may be cut
         let width = rows.first().map_or(0, Vec::len);
         rows.retain(|row| row.len() == width);
+        let columns = columns.into_iter().take(width).collect();
         rows.dedup_by(|b, a| b[0] <= a[0]);
         Table { columns, rows }
     }
@@ -200,10 +201,16 @@ mod tests {
                 "f/0/force.dat",
                 "# Force\n# Time (total_x total_y total_z) (pressure_x pressure_y pressure_z)\n1 (1 2 3) (0 0 0)\n",
             ),
+            ("n/0/coefficient.dat", "# Time Cd Cl\n1 2\n"),
             ("p/0/U", "# Probe 0 (0 0 0)\n#       Probe 0\n#        Time\n1 (1 2 3)\n2 (4 5 6)\n"),
         ]);
         let force = Table::read(dir.path(), "f", "force.dat").unwrap().force([0.0, 1.0, 0.0]).unwrap();
         assert_eq!((force.times, force.values), (vec![1.0], vec![2.0]));
+        assert_eq!(
+            Table::read(dir.path(), "n", "coefficient.dat").unwrap().coefficients(),
+            None,
+            "rows without lift"
+        );
         assert_eq!(Table::read(dir.path(), "p", "U").unwrap().column(2).values, [2.0, 5.0]);
     }
 }
