@@ -137,7 +137,10 @@ impl Delayed {
             let angles = angle_a.abs().total_cmp(&angle_b.abs()).then(angle_b.total_cmp(&angle_a));
             size_b.total_cmp(&size_a).then(angles)
         });
-        let modes = Mat::from_fn(r, r, |i, k| eigen.U()[(i, order[k])]);
+        // Of length 1, so that amplitudes compare.
+        let length = |k: usize| (0..r).map(|i| eigen.U()[(i, order[k])].norm_sqr()).sum::<f64>().sqrt();
+        let lengths: Vec<f64> = (0..r).map(length).collect();
+        let modes = Mat::from_fn(r, r, |i, k| eigen.U()[(i, order[k])] * (1.0 / lengths[k]));
         let inverse = modes.partial_piv_lu().inverse();
         if !(0..r).all(|i| (0..r).all(|k| inverse[(i, k)].re.is_finite() && inverse[(i, k)].im.is_finite())) {
             return None;

@@ -6,6 +6,7 @@ mod dmd;
 mod online;
 mod sampling;
 mod snapshots;
+mod spectrum;
 mod store;
 #[cfg(test)]
 mod tests;
@@ -14,3 +15,4 @@ pub use choose::{FieldError, Fit, FitSettings, relative};
 pub use dmd::{Delayed, Dmd, Shape, Window};
 pub use online::{OnlineDmd, Outlook, Restored, Settings, State};
 pub use snapshots::{Combination, Snapshots, Storage};
+pub use spectrum::Mode;

@@ -4,6 +4,7 @@ use crate::choose::{FieldError, Fit, FitSettings, choose, spread};
 use crate::dmd::Dmd;
 use crate::sampling::{Grid, SAME};
 use crate::snapshots::{Combination, Snapshots, Storage};
+use crate::spectrum::Mode;
 use crate::store::{Store, numbers};
 use m4gn_base::{Error, Result};
 use m4gn_parallel::Comm;
@@ -260,6 +261,12 @@ impl OnlineDmd {
         let history: Vec<&[f64]> = rows.iter().map(Vec::as_slice).collect();
         let (dmd, slots) = (fit.dmd.clone(), fit.slots.clone());
         Some(Outlook { amplitudes: dmd.amplitudes(&history), dmd, slots })
+    }
+
+    /// The modes of the fit at present, largest share of the energy first; none as for [`predict`](Self::predict).
+    pub fn modes(&self) -> Vec<Mode> {
+        let of = |o: Outlook| o.dmd.spectrum(&o.amplitudes, self.settings.interval);
+        self.outlook().map(of).unwrap_or_default()
     }
 
     /// The state at `strides` after an outlook's sample.

@@ -1,6 +1,6 @@
 //! What is known on paper: sums of damped waves, trends, constants, and what is no fit.
 
-use crate::{Delayed, FitSettings, OnlineDmd, Restored, Settings, State, Storage, Window, relative};
+use crate::{Delayed, FitSettings, Mode, OnlineDmd, Restored, Settings, State, Storage, Window, relative};
 use m4gn_parallel::Comm;
 use m4gn_state::Array;
 use rand::{RngExt, SeedableRng};
@@ -112,6 +112,26 @@ fn eigenvalues_of_damped_waves_are_known() {
         let size = |e: [f64; 2]| e[0].hypot(e[1]);
         assert!(size(pair[0]) >= size(pair[1]) * (1.0 - 1e-12));
     }
+}
+
+#[test]
+fn modes_have_the_frequency_the_growth_rate_and_the_share_of_their_waves() {
+    // 0.5 s a snapshot: a wave that decays, one of a third of its size that stays, and a trend that decays without a wave.
+    let waves = Waves::new(&[(0.98, 0.5), (1.0, 1.3), (0.9, 0.0)]);
+    let mut linear = two(Storage::Double);
+    feed(&mut linear, 0..40, |k| waves.at(k));
+    linear.fit().unwrap();
+    let modes = linear.modes();
+    for (decay, angle) in [(0.98f64, 0.5), (1.0, 1.3), (0.9, 0.0)] {
+        let (frequency, growth) = (angle / std::f64::consts::TAU / 0.5, decay.ln() / 0.5);
+        let near = |m: &&Mode| (m.frequency - frequency).abs() < 1e-6 && (m.growth_rate - growth).abs() < 1e-5;
+        assert_eq!(modes.iter().filter(near).count(), 1, "{frequency} {growth} {modes:?}");
+    }
+    assert!((modes.iter().map(|m| m.energy).sum::<f64>() - 1.0).abs() < 1e-12);
+    assert!(modes.windows(2).all(|m| m[0].energy >= m[1].energy));
+    // At snapshot 39 the one that stays is the largest, and what it varies by is nearly all: 2^.5 times the root mean square.
+    assert!((modes[0].frequency - 1.3 / std::f64::consts::TAU / 0.5).abs() < 1e-6);
+    assert!((1.0..1.5).contains(&modes[0].amplitude), "{modes:?}");
 }
 
 #[test]
