@@ -575,7 +575,8 @@ enum
     M4GN_RIDE_SEGMENT_ERRORS = 5, /* and of that of errors in segments */
     M4GN_RIDE_SUMMARY =
         6, /* ends the ride: totals go into the log, and in mode replace into this JSON object */
-    M4GN_RIDE_DIFFERENCE_TIME = 7 /* name of the time of m4gn_ride_difference */
+    M4GN_RIDE_DIFFERENCE_TIME = 7, /* name of the time of m4gn_ride_difference */
+    M4GN_RIDE_MODES = 8            /* rows of the table of the modes of fits that are used */
 };
 
 /* Takes what there is to be said, "" if there is nothing. A table's first rows come with its head. Valid until the next call. */

@@ -91,7 +91,7 @@ Foam::m4gnHybridRun::m4gnHybridRun(
     const m4gnConditions& conditions)
     : name_(name), mesh_(mesh), dict_(dict), observes_(dict.get<word>("mode") == "observe"),
       session_(session), state_(state), conditions_(conditions), kinds_(kinds(dict)), ride_(nullptr),
-      quantities_(quantities(dict)), tables_(4)
+      quantities_(quantities(dict)), tables_(5)
 {
     dictionary own(dict);
     own.set("name", name);

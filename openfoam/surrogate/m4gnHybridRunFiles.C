@@ -37,13 +37,18 @@ std::string Foam::m4gnHybridRun::types() const
 
 void Foam::m4gnHybridRun::listen()
 {
-    static const char* const files[] = {"surrogate", "strides", "surrogateError", "surrogateSegmentError"};
+    static const std::pair<int32_t, const char*> files[] = {
+        {M4GN_RIDE_JUMPS, "surrogate"},
+        {M4GN_RIDE_STRIDES, "strides"},
+        {M4GN_RIDE_ERRORS, "surrogateError"},
+        {M4GN_RIDE_SEGMENT_ERRORS, "surrogateSegmentError"},
+        {M4GN_RIDE_MODES, "modes"}};
 
     for (label i = 0; i < tables_.size(); ++i) {
-        const std::string rows(m4gn_ride_text(ride_, M4GN_RIDE_JUMPS + i));
+        const std::string rows(m4gn_ride_text(ride_, files[i].first));
         if (rows.size()) {
             if (!tables_.set(i)) {
-                tables_.set(i, new functionObjects::writeFile(mesh_, name_, files[i], dict_));
+                tables_.set(i, new functionObjects::writeFile(mesh_, name_, files[i].second, dict_));
             }
             if (Pstream::master() && tables_[i].writeToFile()) {
                 tables_[i].file() << rows.c_str() << flush;

@@ -557,7 +557,8 @@ exports! {
             7 => (0..handle.ride.layout().arrays().len())
                 .find_map(|array| handle.ride.difference(0, array))
                 .map_or_else(String::new, |(_, time)| time.into()),
-            _ => return Err(Error::Input(format!("kind of text {kind}: expected 0 to 7"))),
+            8 => handle.ride.take(Text::Modes),
+            _ => return Err(Error::Input(format!("kind of text {kind}: expected 0 to 8"))),
         };
         let bytes: Vec<u8> = text.bytes().filter(|b| *b != 0).collect();
         handle.text = CString::new(bytes).unwrap_or_default();

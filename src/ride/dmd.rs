@@ -344,7 +344,9 @@ impl Fits for DmdSurrogate {
     }
 
     fn fit(&mut self) -> Option<FitReport> {
-        let fit = self.online.fit()?;
+        self.online.fit()?;
+        let modes = self.online.modes();
+        let fit = self.online.fitted()?;
         let shape = fit.dmd.shape;
         Some(FitReport {
             snapshots: fit.numbers.len(),
@@ -354,6 +356,7 @@ impl Fits for DmdSurrogate {
             error: fit.tail_error(),
             errors: fit.tail.iter().map(|e| (e.name.clone(), e.error)).collect(),
         })
+            modes,
     }
 
     fn drop_fit(&mut self) {

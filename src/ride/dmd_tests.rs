@@ -48,8 +48,8 @@ struct Host {
     by: Vec<usize>,
     solved: usize,
     log: String,
-    /// Of strides, and of an observer's errors.
-    tables: [String; 2],
+    /// Of strides, of an observer's errors, and of modes.
+    tables: [String; 3],
     clock: Rc<Cell<f64>>,
     /// The step of the solver behind a time, and how many of them come between two states of a jump; 0: strides are whole.
     delta_t: fn(f64) -> f64,
@@ -186,6 +186,7 @@ impl Host {
     /// Whether it was stopped.
     fn jump(&mut self, stop: &impl Fn(&Self) -> bool) -> bool {
         let (mut strides, mut who) = (0, 0);
+        self.tables[2] += &self.ride.take(Text::Modes);
         loop {
             self.clock.set(self.time);
             let (mut u, mut phi) = (self.u.clone(), self.phi.clone());
@@ -240,6 +241,14 @@ fn jumps_grow_while_the_fit_holds_and_end_states_are_exact() {
     }
 }
 
+    // The waves of the solver as modes: 1.9 and 3.1 1/s, of constant size, the second of a tenth of the energy.
+    let rows: Vec<&str> = host.tables[2].lines().filter(|l| !l.starts_with('#')).collect();
+    for (row, frequency) in rows.iter().zip([1.9, 3.1].map(|omega| omega / std::f64::consts::TAU)) {
+        let figures: Vec<f64> = row.split('\t').map(|v| v.parse().unwrap()).collect();
+        assert!((figures[0] - 5.0).abs() < 0.21 && (figures[1] - frequency).abs() < 1e-5, "{row}");
+        assert!(figures[2].abs() < 1e-4, "{row}");
+    }
+    assert!(host.log.contains("it is used: period 3.31 s, growth "), "{}", host.log);
 /// The solver makes steps of a length that no stride is a multiple of, and each of them is looked at.
 #[test]
 fn a_jump_has_the_states_of_the_solvers_own_steps() {

@@ -7,7 +7,9 @@
 use crate::decisions::Decisions;
 use crate::schedule::Step;
 use crate::surrogate::{FitReport, Fits};
+use crate::tables::Digits;
 use m4gn_base::Result;
+use m4gn_dmd::Mode;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
@@ -63,6 +65,9 @@ pub(crate) struct FitControl {
     /// Whether it was said what a snapshot costs.
     #[serde(skip)]
     timed: bool,
+    /// The modes of the fit that was used last, where they were not taken yet.
+    #[serde(skip)]
+    modes: Vec<Mode>,
 }
 
 impl FitControl {
@@ -82,6 +87,11 @@ impl FitControl {
     /// solver's own states must come before a fit can hold.
     pub fn wants_solver(&self, fits: &dyn Fits) -> bool {
         !fits.has_fit() && self.jumped_by_others >= fits.rules().window as f64
+    }
+
+    /// Takes the modes of a fit that is used from here on; none: there is no new one.
+    pub fn take_modes(&mut self) -> Vec<Mode> {
+        std::mem::take(&mut self.modes)
     }
 
     /// Another surrogate has jumped so many strides.
@@ -146,7 +156,7 @@ impl FitControl {
         self.jumped_by_others = if error < PROMISING { rules.window as f64 } else { 0.0 };
         self.length = rules.initial_jump as f64;
         let verdict = match trend {
-            _ if holds => "it is used".into(),
+            _ if holds => format!("it is used: {}", leading(&report.modes)),
             _ if error >= rules.jump_tolerance => {
                 format!("above jumpTolerance {}: the solver goes on", rules.jump_tolerance)
             }
@@ -176,6 +186,10 @@ impl FitControl {
                 said,
                 "m4gn: each state of the window adds {seconds:.1e} s to a stride of the fit\n\n"
             );
+        }
+        if holds {
+            decided["modes"] = report.modes.iter().map(mode_as_data).collect();
+            self.modes = report.modes;
         }
         decisions.tell(step, "fit", &decided);
         said
@@ -252,6 +266,23 @@ fn as_data(report: &FitReport, rules: &FitRules) -> Value {
         "held_back": rules.hold_out, "error": report.error, "fit_tolerance": rules.fit_tolerance,
         "jump_tolerance": rules.jump_tolerance, "errors": fields,
     })
+}
+
+fn mode_as_data(mode: &Mode) -> Value {
+    json!({
+        "frequency": mode.frequency, "growth_rate": mode.growth_rate, "amplitude": mode.amplitude, "energy": mode.energy,
+    })
+}
+
+/// The mode with the largest share of the energy, for people.
+fn leading(modes: &[Mode]) -> String {
+    let digits = Digits(3);
+    let Some(mode) = modes.first() else { return "nothing changes".into() };
+    let period = match mode.frequency {
+        0.0 => "no period".into(),
+        frequency => format!("period {} s", digits.of(1.0 / frequency)),
+    };
+    format!("{period}, growth {} 1/s", digits.of(mode.growth_rate))
 }
 
 fn described(report: &FitReport, rules: &FitRules, step: &Step, verdict: &str) -> String {

@@ -21,6 +21,8 @@ pub(crate) struct Log {
     pub jumps: String,
     pub strides_head: String,
     pub strides: String,
+    pub modes_head: String,
+    pub modes: String,
     pub observed_head: [String; 2],
     pub observed: String,
     pub segments: String,
@@ -41,6 +43,8 @@ pub enum Text {
     Errors,
     /// The table of its errors in segments.
     SegmentErrors,
+    /// The table of the modes of fits that are used, a row for each.
+    Modes,
 }
 
 impl Log {
@@ -73,11 +77,28 @@ impl Ride<'_> {
             Text::Warning => log.warnings.remove(0),
             Text::Jumps => table(&mut log.jumps_head, &mut log.jumps),
             Text::Strides => table(&mut log.strides_head, &mut log.strides),
+            Text::Modes => table(&mut log.modes_head, &mut log.modes),
             // An observer's tables are there from its begin.
             Text::Errors => std::mem::take(&mut log.observed_head[0]) + &std::mem::take(&mut log.observed),
             Text::SegmentErrors => {
                 std::mem::take(&mut log.observed_head[1]) + &std::mem::take(&mut log.segments)
             }
+        }
+    }
+
+    /// Fits that are used from this time on: a row for each of their modes.
+    pub(crate) fn log_modes(&mut self) {
+        let (digits, time) = (self.digits(), self.step.output_time);
+        let controls = self.candidates.iter_mut().filter_map(|c| c.fit_control.as_mut());
+        for mode in controls.flat_map(|control| control.take_modes()) {
+            if self.totals.mode_rows == 0 {
+                let names =
+                    ["Time", "frequency(Hz)", "growthRate(1/s)", "amplitude", "energy"].map(String::from);
+                self.log.modes_head = digits.header(&["Modes of the fits that are used".into()], &[], &names);
+            }
+            let figures = [time, mode.frequency, mode.growth_rate, mode.amplitude, mode.energy];
+            self.log.modes += &row(&figures.map(|v| digits.of(v)));
+            self.totals.mode_rows += 1;
         }
     }
 

@@ -303,6 +303,7 @@ impl<'a> Ride<'a> {
         }
         let fits = self.candidates.iter_mut().filter_map(|c| c.surrogate.fits_mut());
         fits.for_each(|fits| fits.stepped(&self.step));
+        self.log_modes();
         let answer = self.decided();
         self.tell_measured();
         self.tell_begun();

@@ -4,6 +4,7 @@
 use crate::fit_control::FitRules;
 use crate::schedule::Step;
 use m4gn_base::Result;
+use m4gn_dmd::Mode;
 use m4gn_state::Values;
 
 /// What is known of a surrogate from its start on.
@@ -150,6 +151,8 @@ pub struct FitReport {
     pub error: f64,
     /// The same of each array, over its variation.
     pub errors: Vec<(String, f64)>,
+    /// Its modes at present, largest share of the energy first.
+    pub modes: Vec<Mode>,
 }
 
 /// A surrogate that is fitted to the run's own states. When it is fitted, used and dropped is decided elsewhere

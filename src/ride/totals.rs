@@ -39,6 +39,9 @@ pub(crate) struct Totals {
     /// And rows of that of strides.
     #[serde(skip)]
     pub stride_rows: usize,
+    /// And rows of that of modes.
+    #[serde(skip)]
+    pub mode_rows: usize,
 }
 
 impl Totals {

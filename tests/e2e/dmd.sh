@@ -19,6 +19,10 @@ ride "$(dmd)"
 # A pressure without an equation in time is carried: the noise of its tolerance is none of the fit's
 expect_log '^m4gn: the dmd surrogate advances U, p, phi'
 decided "a fit of U alone" "list(of('fit', decision='used')[0]['errors']) == ['U']"
+# Its modes are data, a table and a line of the log
+decided "rows of modes.dat" "sum(len(d['modes']) for d in of('fit', decision='used')) == $(grep -vc '^#' postProcessing/test/0/modes.dat)"
+decided "shares of the energy" "not [d for d in of('fit', decision='used') if abs(sum(m['energy'] for m in d['modes']) - 1) > 1e-9]"
+expect_log 'it is used: .*growth -*[0-9.e-]* 1/s'
 replaces 0.2 icoFoam
 jumps=$(grep -vc '^#' postProcessing/test/0/surrogate.dat)
 # What is handed back is as free of divergence as the solver's own, and so is the solver's next step
