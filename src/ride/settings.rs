@@ -161,7 +161,7 @@ mod tests {
             (r#"{"mode": "replace", "solverSteps": -5, "surrogateSteps": 5}"#, "solverSteps"),
             (r#"{"mode": "observe", "rolloutSteps": 0}"#, "rolloutSteps"),
             (r#"{"mode": "observe", "writePrecision": 90}"#, "writePrecision"),
-            (r#"{"mode": "observe", "timeStrat": 1}"#, "is time_start meant"),
+            (r#"{"mode": "observe", "timeStrat": 1}"#, "is timeStart meant"),
             (
                 r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 5, "quantities": [{"object": "f", "result": "Cd", "tolerance": 0}]}"#,
                 "tolerance 0",
