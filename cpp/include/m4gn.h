@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 16
+#define M4GN_ABI_VERSION 17
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN

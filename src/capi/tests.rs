@@ -17,7 +17,7 @@ fn layouts_are_those_of_the_header() {
     );
     assert_eq!((size_of::<HostData>(), offset_of!(HostData, ahead)), (56, 40));
     assert_eq!((size_of::<SurrogateData>(), offset_of!(SurrogateData, step)), (48, 32));
-    assert_eq!((size_of::<RideStep>(), size_of::<RideAnswer>()), (56, 56));
+    assert_eq!((size_of::<RideStep>(), size_of::<RideAnswer>()), (64, 56));
     assert_eq!((size_of::<FieldInfo>(), offset_of!(FieldInfo, dimensions)), (48, 12));
     assert_eq!(size_of::<RankReport>(), 16);
     assert_eq!((size_of::<SolidData>(), offset_of!(SolidData, fixed_components)), (144, 128));

@@ -1,5 +1,5 @@
-//! The order of places: by the first direction, then the second, then the third. What is numbered by it depends neither on the numbering
-//! that a mesh came with nor on the ranks.
+//! The order of places: by the third direction, then the second, then the first, which is how blockMesh numbers a block along the axes. What
+//! is numbered by it depends neither on the numbering that a mesh came with nor on the ranks.
 
 use m4gn_mesh::vector::{Vector, norm, sub};
 
@@ -14,7 +14,11 @@ pub(super) fn line(places: &[Vector], number: &[i64]) -> Vec<i64> {
     };
     let (low, high) = (bound(f64::INFINITY, f64::min), bound(f64::NEG_INFINITY, f64::max));
     let unit = NEAR * norm(sub(high, low));
-    let key = |&p: &Vector| sub(p, low).map(|x| if unit > 0.0 { (x / unit).round() as i64 } else { 0 });
+    let whole = |x: f64| if unit > 0.0 { (x / unit).round() as i64 } else { 0 };
+    let key = |&p: &Vector| {
+        let [x, y, z] = sub(p, low).map(whole);
+        [z, y, x]
+    };
     let keys: Vec<[i64; 3]> = places.iter().map(key).collect();
     let mut order: Vec<usize> = (0..keys.len()).collect();
     order.sort_by_key(|&i| (keys[i], number[i]));
@@ -29,9 +33,9 @@ mod tests {
 
     #[test]
     fn by_directions_but_for_rounding_then_by_number() {
-        // The third and the fifth have one x but for rounding, the last is where the first is.
+        // The third and the fifth have one y but for rounding, the last is where the first is.
         let places = [[3.0, 0.0], [1.0, 2.0], [2.0, 1.0], [0.0, 5.0], [2.0 + 1e-12, 0.5], [3.0, 0.0]];
-        let places = places.map(|[x, y]| [x, y, 0.0]);
+        let places = places.map(|[y, x]| [x, y, 0.0]);
         assert_eq!(line(&places, &[0, 1, 2, 3, 4, 5]), [4, 1, 3, 0, 2, 5]);
         assert_eq!(line(&places, &[9, 1, 2, 3, 4, 5]), [5, 1, 3, 0, 2, 4]);
         assert_eq!(line(&[[1.0; 3]; 3], &[2, 0, 1]), [2, 0, 1]);
@@ -45,8 +49,8 @@ mod tests {
             let at = |k: usize, off: f64| {
                 let (i, j) = (k / n, k % n);
                 [
-                    (i as f64 + 0.5) * 1.6 / n as f64 * (1.0 + off),
                     (j as f64 + 0.5) * 1.2 / n as f64 * (1.0 - off),
+                    (i as f64 + 0.5) * 1.6 / n as f64 * (1.0 + off),
                     0.0,
                 ]
             };

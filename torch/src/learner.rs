@@ -131,7 +131,7 @@ impl Learner {
         let mut total = Tensor::zeros([], (Kind::Float, self.device));
         let mut sums: Vec<Tensor> = Vec::new();
         let weights = self.weights(examples);
-        let counts = self.counts(&boundary);
+        let counts = self.counts(examples);
         for step in 1..=batch.unroll {
             let next = self.state(examples, step)?;
             let inputs = self.stepper.inputs(&domains, &state, &next)?;
@@ -218,14 +218,21 @@ impl Learner {
         Ok(errors)
     }
 
-    /// Of each predicted field how much its value at a cell counts in the mean over all, `[C x 1]`: 0 where it is held, more than 1 elsewhere.
-    /// None where nothing is held.
-    fn counts(&self, boundary: &Boundary) -> Option<Vec<Tensor>> {
-        let held = boundary.held.as_ref()?;
+    /// Of each predicted field how much its value at a cell counts in the mean over its example, `[C x 1]`: 0 where it is held, more than 1
+    /// elsewhere. None where nothing is held.
+    fn counts(&self, examples: &[Example]) -> Option<Vec<Tensor>> {
+        let samples: Vec<&Sample> = examples.iter().map(|e| &self.train[e.sample]).collect();
+        samples.iter().find(|s| s.boundary.held.is_some())?;
         let of = |field: &[usize]| {
-            let free: Tensor = 1.0 - held.narrow(1, field[0] as i64, 1);
-            let share = free.mean(Kind::Float).clamp_min(1e-12);
-            free / share
+            let parts = samples.iter().map(|s| match &s.boundary.held {
+                Some(held) => {
+                    let free: Tensor = 1.0 - held.narrow(1, field[0] as i64, 1);
+                    let share = free.mean(Kind::Float).clamp_min(1e-12);
+                    free / share
+                }
+                None => Tensor::ones([s.hosts[0].cells as i64, 1], (Kind::Float, self.device)),
+            });
+            Tensor::cat(&parts.collect::<Vec<_>>(), 0)
         };
         Some(self.components.predicted().map(of).collect())
     }
