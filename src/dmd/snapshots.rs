@@ -416,14 +416,6 @@ impl Snapshots {
         }
     }
 
-    /// Of each field the square of the most that a kept state differs from the first one by.
-    pub(crate) fn changed(&self) -> Vec<f64> {
-        let square =
-            |table: &Vec<f64>, slot: usize| table.get(slot * (self.capacity + 1)).copied().unwrap_or(0.0);
-        let of = |table| self.entries.iter().map(|e| square(table, e.slot)).fold(0.0, f64::max);
-        self.products.iter().map(of).collect()
-    }
-
     /// A number a state that has its inner products, the same on all ranks: the squares of the reference and of the difference from it, all
     /// fields together.
     pub(crate) fn marks(&self) -> Vec<f64> {
