@@ -124,7 +124,8 @@ fn modes_have_the_frequency_the_growth_rate_and_the_share_of_their_waves() {
     let modes = linear.modes();
     for (decay, angle) in [(0.98f64, 0.5), (1.0, 1.3), (0.9, 0.0)] {
         let (frequency, growth) = (angle / std::f64::consts::TAU / 0.5, decay.ln() / 0.5);
-        let near = |m: &&Mode| (m.frequency - frequency).abs() < 1e-6 && (m.growth_rate - growth).abs() < 1e-5;
+        let near =
+            |m: &&Mode| (m.frequency - frequency).abs() < 1e-6 && (m.growth_rate - growth).abs() < 1e-5;
         assert_eq!(modes.iter().filter(near).count(), 1, "{frequency} {growth} {modes:?}");
     }
     assert!((modes.iter().map(|m| m.energy).sum::<f64>() - 1.0).abs() < 1e-12);

@@ -355,8 +355,8 @@ impl Fits for DmdSurrogate {
             unstable: shape.growing,
             error: fit.tail_error(),
             errors: fit.tail.iter().map(|e| (e.name.clone(), e.error)).collect(),
-        })
             modes,
+        })
     }
 
     fn drop_fit(&mut self) {

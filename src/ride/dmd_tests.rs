@@ -181,12 +181,12 @@ impl Host {
         self.log += &self.ride.take(Text::Log);
         self.tables[0] += &self.ride.take(Text::Strides);
         self.tables[1] += &self.ride.take(Text::Errors);
+        self.tables[2] += &self.ride.take(Text::Modes);
     }
 
     /// Whether it was stopped.
     fn jump(&mut self, stop: &impl Fn(&Self) -> bool) -> bool {
         let (mut strides, mut who) = (0, 0);
-        self.tables[2] += &self.ride.take(Text::Modes);
         loop {
             self.clock.set(self.time);
             let (mut u, mut phi) = (self.u.clone(), self.phi.clone());
@@ -236,11 +236,6 @@ fn jumps_grow_while_the_fit_holds_and_end_states_are_exact() {
     assert!((end - first as f64 * 0.2 - (0.2 + 24.0 * 0.2)).abs() < 1e-9, "{end}");
     assert!(host.solved < 220, "{}", host.solved);
     assert!(largest(&host.u, &solver(host.time, 1e9)) < 1e-5);
-    for words in ["keeps up to 40 states 0.2 s apart: ", "it is used", "the next jump may have 20 strides"] {
-        assert!(host.log.contains(words), "{words}: {}", host.log);
-    }
-}
-
     // The waves of the solver as modes: 1.9 and 3.1 1/s, of constant size, the second of a tenth of the energy.
     let rows: Vec<&str> = host.tables[2].lines().filter(|l| !l.starts_with('#')).collect();
     for (row, frequency) in rows.iter().zip([1.9, 3.1].map(|omega| omega / std::f64::consts::TAU)) {
@@ -249,6 +244,11 @@ fn jumps_grow_while_the_fit_holds_and_end_states_are_exact() {
         assert!(figures[2].abs() < 1e-4, "{row}");
     }
     assert!(host.log.contains("it is used: period 3.31 s, growth "), "{}", host.log);
+    for words in ["keeps up to 40 states 0.2 s apart: ", "it is used", "the next jump may have 20 strides"] {
+        assert!(host.log.contains(words), "{words}: {}", host.log);
+    }
+}
+
 /// The solver makes steps of a length that no stride is a multiple of, and each of them is looked at.
 #[test]
 fn a_jump_has_the_states_of_the_solvers_own_steps() {

@@ -90,9 +90,9 @@ mod tests {
 
     #[test]
     fn nodes_of_a_segment_stand_by_their_places() {
-        // Six nodes, two of which are in both segments; the third and the fifth have one x but for rounding.
+        // Six nodes, two of which are in both segments; the third and the fifth have one y but for rounding.
         let places = [[3.0, 0.0], [1.0, 2.0], [2.0, 1.0], [0.0, 5.0], [2.0 + 1e-12, 0.5], [9.0, 0.0]];
-        let places = places.map(|[x, y]| [x, y, 0.0]);
+        let places = places.map(|[y, x]| [x, y, 0.0]);
         let members = (vec![0, 1, 3, 5, 6, 7, 8], vec![0, 0, 1, 0, 1, 1, 0, 1]);
         let segments = Segmentation::of_members(2, members.0, members.1);
         let found = Sequence::new(&segments, &places, &Comm::serial()).unwrap();

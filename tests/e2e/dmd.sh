@@ -52,4 +52,4 @@ below "$(difference ../U.whole.4 4/U)" 1e-2 "U on two ranks"
 
 # What cannot be
 expect_error 'maxJump from initialJump to' "$(dmd 'maxJump 5;')"
-expect_error 'interval' "$(dmd 'snapshotIntervall 0.05;')"
+expect_error 'expected one of snapshotInterval' "$(dmd 'snapshotIntervall 0.05;')"
