@@ -28,7 +28,6 @@ for family in deforming-plate deforming-beam stacked-beams; do
     if [ $family = stacked-beams ]; then points=400 more=410; fi
     generate="m4gn generate $family --points $points --frames 10 --seed 5 --count 2 --jobs 2 --out $family"
     runs $generate --json figures.json
-    grep -q '"redraws": [0-9]' figures.json || fail "redraws are not counted"
     grep -q '2 trajectories made' log.run || fail "$family was not made"
     [ "$(ls $family)" = "$(printf '0000.h5\n0001.h5')" ] || fail "$family holds other files: $(ls $family)"
     runs $generate
