@@ -183,13 +183,15 @@ impl Learner {
             Ok(State { cells, boundary })
         };
         let domains = [sample.domain(false)];
-        let error = |field: &[usize], a: &Tensor, b: &Tensor| {
-            // What is held does not count.
-            let free = domains[0].free(field);
-            let free: Vec<i64> = (0..).zip(free).filter(|(_, free)| *free).map(|(node, _)| node).collect();
-            let free = Tensor::from_slice(&free).to_device(self.device);
+        // Of each predicted field the nodes that count: those that are not held.
+        let free = self.components.predicted().map(|field| {
+            let free = (0..).zip(domains[0].free(field)).filter(|(_, free)| *free);
+            Tensor::from_slice(&free.map(|(node, _)| node).collect::<Vec<i64>>()).to_device(self.device)
+        });
+        let free: Vec<Tensor> = free.collect();
+        let error = |(field, free): (&[usize], &Tensor), a: &Tensor, b: &Tensor| {
             let physical = |x: &Tensor| {
-                let part = x.index_select(0, &free).narrow(1, field[0] as i64, field.len() as i64);
+                let part = x.index_select(0, free).narrow(1, field[0] as i64, field.len() as i64);
                 match self.components.floor(field[0]) {
                     Some(floor) => part.exp().clamp_min(floor),
                     None => part,
@@ -209,7 +211,7 @@ impl Learner {
             let new = self.stepper.advance(&scales, &sample.boundary, &state, &output, &next);
             state = Stepper::without_levels(&domains, new);
             let both = |field| [&state.cells, &start].map(|from| error(field, from, &next.cells));
-            errors.extend(self.components.predicted().map(both));
+            errors.extend(self.components.predicted().zip(&free).map(both));
             if rollout.single {
                 start = next.cells.shallow_clone();
                 state = next;
