@@ -202,7 +202,7 @@ void Foam::m4gnJump::executeOthers(const scalar deltaT) const
 Foam::scalar Foam::m4gnJump::within() const
 {
     // Within a jump Time has its own deltaT
-    const scalar deltaT = last_.solverDeltaT > 0 && jumping_ ? last_.solverDeltaT : time_.deltaTValue();
+    const scalar deltaT = jumping_ ? last_.solverDeltaT : time_.deltaTValue();
     const scalar next = time_.isAdjustTimeStep() ? clockwork::adjusted(time_, deltaT) : deltaT;
     const label steps =
         min(others_.size() ? interval_ : labelMax, clockwork::toWrite(time_, next, writesFrom_));
