@@ -291,7 +291,7 @@ fn tables_are_those_of_the_settings() {
 
 /// Entries of the dictionary that stand in tables, made or not.
 fn documented() -> BTreeSet<String> {
-    let text = fs::read_to_string(root().join("docs/dictionary.md")).unwrap();
+    let text = fs::read_to_string(root().join("docs/reference/dictionary.md")).unwrap();
     let (mut entries, mut table) = (BTreeSet::new(), false);
     for line in text.lines() {
         match line.strip_prefix('|').and_then(|rest| rest.split('|').next()) {
@@ -322,12 +322,12 @@ fn entries_that_classes_take_are_documented() {
             }
         }
     }
-    // Of a material, which docs/solids.md has; OpenFOAM's own
+    // Of a material, which docs/explanation/solids.md has; OpenFOAM's own
     let others = ["E", "nu", "mu", "K", "rho", "planeStress", "writePrecision", "writeToFile", "useUserTime"];
     let known = |name: &String| documented.contains(name) || others.contains(&name.as_str());
     let missing: Vec<_> = taken.iter().filter(|(name, _)| !known(name)).collect();
     assert!(taken.len() > 50, "{taken:?}");
-    assert!(missing.is_empty(), "docs/dictionary.md lacks {missing:?}");
+    assert!(missing.is_empty(), "docs/reference/dictionary.md lacks {missing:?}");
 }
 
 #[test]

@@ -75,7 +75,7 @@ void m4gn_finalize(void);
 /* ---- settings ----------------------------------------------------------------------------------- */
 
 /* What is words and numbers is given to a call as its settings: the text of a JSON object, or NULL for {}. What is not given
- * has its default. The names are those of a case dictionary (docs/dictionary.md), as distance_scale or as distanceScale. A
+ * has its default. The names are those of a case dictionary (docs/reference/dictionary.md), as distance_scale or as distanceScale. A
  * name that is not known and a value of another type or out of range are M4GN_ERROR_INPUT, with a message that names the
  * entry, what was expected and what was found. The tables are made of the settings structs of the core (tests/tables.rs).
  *
@@ -458,7 +458,7 @@ typedef struct m4gn_host
  *   setup_seconds    0.0          Wall time that making the surrogates took, for the summary [s]
  * [end]
  *
- * those of control (docs/control.md)
+ * those of control (docs/explanation/hybrid-run.md)
  *
  * [table control]
  *   name        default   meaning
@@ -480,7 +480,7 @@ typedef struct m4gn_host
  *   tolerance  required  Largest error at the end of a jump, over what the result varies by
  * [end]
  *
- * and those of dmd (docs/dmd.md)
+ * and those of dmd (docs/explanation/dmd.md)
  *
  * [table dmd]
  *   name               default     meaning
@@ -705,7 +705,7 @@ int32_t m4gn_modes_vector(const m4gn_modes* modes, int32_t index, double* vector
 /* ---- modes of elastic bodies --------------------------------------------------------------------- */
 
 /* This rank's part of an elastic body: isotropic, linear, with its displacements on the points of the mesh. Finite
- * elements for cells of any shape; docs/solids.md says which. Labels are local; all zero but what is needed is fine. */
+ * elements for cells of any shape; docs/explanation/solids.md says which. Labels are local; all zero but what is needed is fine. */
 typedef struct m4gn_solid
 {
     int32_t n_directions;  /* 3, or 2 on a mesh that is one cell thick in the third */

@@ -76,7 +76,7 @@ const Foam::m4gnObstacles& Foam::m4gnObstacles::of(const fvMesh& mesh)
         if (!present(mesh)) {
             FatalErrorInFunction << "There is no file " << fileName("constant" / fileNameOf)
                                  << ", which says what obstacles there are, and how they move" << nl
-                                 << "    docs/contact.md describes it" << exit(FatalError);
+                                 << "    docs/explanation/contact.md describes it" << exit(FatalError);
         }
 
         auto* made = new m4gnObstacles(mesh);

@@ -229,7 +229,7 @@ Foam::string Foam::m4gnOwnFields::obstacleMisfit(
     if (reads && !present) {
         os << "The model reads where the obstacles are, and this case has no"
            << " file constant/" << m4gnObstacles::fileNameOf << nl
-           << "    Describe them there (docs/contact.md), or use a model"
+           << "    Describe them there (docs/explanation/contact.md), or use a model"
            << " without obstacles";
     } else if (!reads && present) {
         os << "The case has obstacles (constant/" << m4gnObstacles::fileNameOf

@@ -20,7 +20,7 @@ use std::time::Duration;
 ///
 /// Of each draw the plain solver runs once over the whole time span, then the hybrids with the family's schedule (a network's, the dmd
 /// surrogate's, both), each --variant and each cheaper plain solver. What is finished is kept in --out, so that the same command goes on where it was stopped; a run
-/// that was made with other settings is made anew. Exit status 1 if any run failed. See docs/hybrid.md.
+/// that was made with other settings is made anew. Exit status 1 if any run failed. See docs/how-to/measure-a-surrogate.md.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The network (*.safetensors); without it the dmd surrogate alone is run
@@ -134,7 +134,7 @@ fn plan(args: &Args) -> Result<Plan> {
     let family = Family::find(&args.family)?;
     let mut schedule = family.hybrid.clone().ok_or_else(|| {
         Error::Input(format!(
-            "family {} says nothing of hybrid runs: its family.toml needs a table [hybrid] (docs/families.md)",
+            "family {} says nothing of hybrid runs: its family.toml needs a table [hybrid] (docs/reference/families.md)",
             family.name
         ))
     })?;

@@ -23,7 +23,7 @@ use tally::Tally;
 /// What is there already is kept, so that the same command goes on where it was stopped.
 ///
 /// Beside the commands below, FAMILY is a family of OpenFOAM cases (cylinder-flow, vibrating-beam), or a folder of your own
-/// with a file family.toml: 'm4gn generate cylinder-flow --help' lists its parameters, docs/families.md describes the file.
+/// with a file family.toml: 'm4gn generate cylinder-flow --help' lists its parameters, docs/reference/families.md describes the file.
 #[derive(Debug, clap::Args)]
 #[command(override_usage = "m4gn generate FAMILY --count N --out DIR [OPTIONS]")]
 pub struct Args {

@@ -35,7 +35,7 @@ pub struct Args {
     pub(super) modes: Option<usize>,
     #[arg(long, value_name = "SOLVER", value_parser = modal_solver, help = default_of("modal_solver"))]
     pub(super) modal_solver: Option<ModalSolver>,
-    /// Another entry of 'segments', as in a dictionary (docs/dictionary.md): tau=0.5, overlap=1, obstacles=["wing"]; may be repeated
+    /// Another entry of 'segments', as in a dictionary (docs/reference/dictionary.md): tau=0.5, overlap=1, obstacles=["wing"]; may be repeated
     #[arg(long, value_name = "ENTRY=VALUE", value_parser = entry)]
     pub(super) set: Vec<(String, Value)>,
     /// Node type of a patch of a case: wall, inlet, outlet, symmetry or obstacle; may be repeated [default: the

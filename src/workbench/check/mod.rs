@@ -278,7 +278,7 @@ fn random(
     let wrong = || {
         Error::file(
             config,
-            "has no table [model] with fields: expected a configuration of 'm4gn train' (docs/training.md)",
+            "has no table [model] with fields: expected a configuration of 'm4gn train' (docs/reference/training.md)",
         )
     };
     let model = table.get_mut("model").and_then(toml::Value::as_table_mut).ok_or_else(wrong)?;

@@ -1,7 +1,7 @@
 //! A family of OpenFOAM cases as a folder of data: `family.toml` beside the case's files.
 //!
 //! The files are a case in which `@name@` stands for a parameter or a derived quantity, and for `@endTime@`, `@deltaT@` and
-//! `@writeInterval@`; its `controlDict` includes `system/functions`, which the command writes. docs/families.md describes
+//! `@writeInterval@`; its `controlDict` includes `system/functions`, which the command writes. docs/reference/families.md describes
 //! every key.
 
 use super::command::Command;
