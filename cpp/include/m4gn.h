@@ -705,7 +705,7 @@ int32_t m4gn_modes_vector(const m4gn_modes* modes, int32_t index, double* vector
 /* ---- modes of elastic bodies --------------------------------------------------------------------- */
 
 /* This rank's part of an elastic body: isotropic, linear, with its displacements on the points of the mesh. Finite
- * elements for cells of any shape; docs/explanation/solids.md says which. Labels are local; all zero but what is needed is fine. */
+ * elements for cells of any shape; docs/explanation/segments.md says which. Labels are local; all zero but what is needed is fine. */
 typedef struct m4gn_solid
 {
     int32_t n_directions;  /* 3, or 2 on a mesh that is one cell thick in the third */

@@ -1,4 +1,4 @@
-//! What a run decides, as data: a file of JSON lines, which the first rank writes. Its lines are listed in docs/explanation/hybrid-run.md.
+//! What a run decides, as data: a file of JSON lines, which the first rank writes. Its lines are listed in docs/reference/run-files.md.
 
 use crate::schedule::Step;
 use m4gn_base::files;

@@ -1,4 +1,4 @@
-//! What a hybrid run has decided, as the function object m4gnSurrogate writes it (docs/explanation/hybrid-run.md): `postProcessing/NAME/decisions.jsonl`.
+//! What a hybrid run has decided, as the function object m4gnSurrogate writes it (docs/reference/run-files.md): `postProcessing/NAME/decisions.jsonl`.
 
 use m4gn_base::{Error, Result, files};
 use serde_json::Value;

@@ -390,7 +390,7 @@ drag() {
 entry() { sed -n "s/^ *\"$1\": \([^,]*\).*/\1/p" postProcessing/test/${2:-*}/summary.json; }
 
 # decided WHAT EXPRESSION [NAME]: of what the function object NAME (test) has decided, the expression holds, in Python: of(EVENT, FIELD=VALUE...)
-# is a list of decisions (docs/explanation/hybrid-run.md).
+# is a list of decisions (docs/reference/run-files.md).
 decided() {
     python3 - "$2" "postProcessing/${3:-test}/decisions.jsonl" <<'EOD' || fail "$1: not $2"
 import json, sys

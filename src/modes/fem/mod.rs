@@ -3,7 +3,7 @@
 //!
 //! A mesh by points ([`PointMesh`]) of any polyhedra, or a 2-D one of any polygons, isotropic linear elasticity cell by
 //! cell, held displacement components. Points are shared by ranks: each has one owner, which assembles its rows. Which
-//! elements, and why they do not lock, is said in `smoothing.rs`; measured figures stand in `docs/explanation/solids.md`.
+//! elements, and why they do not lock, is said in `smoothing.rs`; measured figures stand in `docs/lab/2026-11-solids.md`.
 
 mod assembly;
 mod body;

@@ -19,7 +19,7 @@ pub fn environment(programs: &[&str]) -> Result<Vec<(String, OsString)>> {
     if !missing.is_empty() {
         return Err(Error::Input(format!(
             "{} not found in PATH: install OpenFOAM and gmsh (Debian: apt-get install openfoam gmsh), or source your \
-             OpenFOAM's etc/bashrc; docs/explanation/solids.md says where solids4Foam comes from",
+             OpenFOAM's etc/bashrc; docs/how-to/build-solids4foam.md says where solids4Foam comes from",
             missing.join(", ")
         )));
     }
