@@ -1,4 +1,4 @@
-//! Who jumps, and how far: each surrogate is measured on strides beside the solver, and control lets it jump. A fit that holds goes first;
+//! Decides which surrogate jumps, and for how many strides: each is measured on strides beside the solver, and control lets it jump. A fit that holds goes first;
 //! before one does, the network may jump.
 
 use crate::candidate::Verdict;

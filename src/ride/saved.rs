@@ -34,7 +34,7 @@ struct Description {
     /// Whether some of its strides have been taken, and what was measured before it, and expected of it.
     begun: bool,
     expected: Option<[f64; 2]>,
-    /// Who jumps, by whom the next is expected to be, and where the strides are counted from.
+    /// The surrogate that jumps, or would next.
     jumper: usize,
     /// Steps of the solver since it took over.
     since: i64,

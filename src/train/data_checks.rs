@@ -38,7 +38,7 @@ impl Course {
     }
 }
 
-/// What is to be told.
+/// Notes on a training before it begins: what in its data or configuration should be known.
 pub(super) fn notes(work: &Workload, spec: &ModelSpec, t: &TrainingConfig) -> Result<Vec<String>> {
     let courses = courses(work, spec)?;
     let mut notes = Vec::new();

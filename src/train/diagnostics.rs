@@ -21,7 +21,7 @@ pub(super) struct Advice {
 }
 
 impl Advice {
-    /// What is to be told after the last of these rows, all of the log.
+    /// Notes after the last of these rows, which are all of the log.
     pub fn look(&mut self, rows: &[Row], t: &TrainingConfig) -> Vec<String> {
         let found = [loss(rows, t), gradient(rows, t), validation(rows, t)];
         let new = found.into_iter().zip(&mut self.told).filter_map(|(text, told)| {
