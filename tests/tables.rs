@@ -322,7 +322,7 @@ fn entries_that_classes_take_are_documented() {
             }
         }
     }
-    // Of a material, which docs/explanation/solids.md has; OpenFOAM's own
+    // Of a material, which stand in the text; OpenFOAM's own
     let others = ["E", "nu", "mu", "K", "rho", "planeStress", "writePrecision", "writeToFile", "useUserTime"];
     let known = |name: &String| documented.contains(name) || others.contains(&name.as_str());
     let missing: Vec<_> = taken.iter().filter(|(name, _)| !known(name)).collect();

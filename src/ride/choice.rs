@@ -1,5 +1,5 @@
-//! Decides which surrogate jumps, and for how many strides: each is measured on strides beside the solver, and control lets it jump. A fit that holds goes first;
-//! before one does, the network may jump.
+//! Decides which surrogate jumps, and for how many strides. A fit that holds goes first; before one does, the network may jump. Strides
+//! beside the solver measure each of them, and control lets it jump.
 
 use crate::candidate::Verdict;
 use crate::jump::Jump;
