@@ -250,3 +250,44 @@ fn entries_of_the_book_are_in_the_dictionary() {
     assert!(seen > 40, "{seen} entries were seen");
     assert!(stale.is_empty(), "the dictionary does not have {stale:#?}");
 }
+
+/// Names of the fields of a struct that a configuration is read into.
+fn keys(file: &str, name: &str) -> BTreeSet<String> {
+    let text = read(&root().join(file));
+    let (_, rest) =
+        text.split_once(&format!("pub struct {name} {{\n")).unwrap_or_else(|| panic!("{file}: {name}"));
+    let lines = rest.lines().take_while(|line| *line != "}");
+    let names = lines.filter_map(|line| line.trim().strip_prefix("pub ")?.split_once(':'));
+    names.map(|(name, _)| name.to_owned()).collect()
+}
+
+#[test]
+fn keys_of_a_training_are_in_the_reference() {
+    let page = read(&root().join("docs/reference/training.md"));
+    let documented: BTreeSet<&str> = page.split('`').skip(1).step_by(2).collect();
+    for (file, name) in [
+        ("src/learn/config.rs", "TrainingConfig"),
+        ("src/train/config.rs", "ModelConfig"),
+        ("src/model/architecture.rs", "MacroSpec"),
+    ] {
+        let keys = keys(file, name);
+        let missing: Vec<_> = keys.iter().filter(|key| !documented.contains(key.as_str())).collect();
+        assert!(keys.len() > 4, "{keys:?}");
+        assert!(missing.is_empty(), "docs/reference/training.md lacks {missing:?} of {name}");
+    }
+}
+
+#[test]
+fn calls_of_the_c_abi_exist() {
+    let header = read(&root().join("cpp/include/m4gn.h"));
+    let page = read(&root().join("docs/reference/c-abi.md"));
+    let words = page.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+    let named: BTreeSet<&str> = words.filter(|w| w.starts_with("m4gn_") || w.starts_with("M4GN_")).collect();
+    let gone: Vec<_> = named.iter().filter(|name| !header.contains(**name)).collect();
+    assert!(named.len() > 20, "{named:?}");
+    assert!(gone.is_empty(), "cpp/include/m4gn.h does not have {gone:?}");
+    let makers = header.split("int32_t m4gn_").skip(1).filter_map(|rest| rest.split('(').next());
+    let missing: Vec<_> =
+        makers.filter(|n| n.ends_with("_new") && !page.contains(&format!("m4gn_{n}"))).collect();
+    assert!(missing.is_empty(), "docs/reference/c-abi.md lacks {missing:?}");
+}
