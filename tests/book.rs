@@ -202,7 +202,7 @@ fn options_of_the_reference_exist() {
         }
         let column = line.strip_prefix("| `--").and_then(|_| line.split(" | ").next()).unwrap_or_default();
         let pieces = column.split('`').skip(1).step_by(2).filter_map(|p| p.split([' ', '=']).next());
-        stale.extend(pieces.filter(|p| !listed.contains(*p)).map(|p| format!("{named:?} {p} in: {line}")));
+        stale.extend(pieces.filter(|p| !listed.contains(*p)).map(|p| format!("{p} in: {line}")));
     }
     assert!(stale.is_empty(), "the command line does not have {stale:#?}");
     assert!(documented.len() > 12, "{documented:?}");
