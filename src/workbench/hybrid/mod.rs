@@ -114,7 +114,8 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
     }
     let mut surrogate = Digest::default();
     let own = plan.schedule.libraries.iter().map(String::as_str);
-    let remedy = "./Allrun builds it; setup/solids4foam.sh what needs solids4foam (docs/how-to/build-solids4foam.md)";
+    let remedy =
+        "./Allrun builds it; setup/solids4foam.sh what needs solids4foam (docs/how-to/build-solids4foam.md)";
     let libraries = ["libm4gn.so", "libm4gnFoam.so"].into_iter().chain(own);
     for file in libraries.map(|name| plugin::find(name, remedy)).chain(plan.model.clone().map(Ok)) {
         let file = file?;
