@@ -169,7 +169,10 @@ pub unsafe extern "C" fn m4gn_averages_push(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn m4gn_averages_due(averages: *const Averages) -> i32 {
     // SAFETY: the caller's contract.
-    i32::from(unsafe { averages.as_ref() }.is_some_and(|a| a.all.iter().any(|q| q.watch.due())))
+    let all = unsafe { averages.as_ref() }.map(|a| a.all.as_slice()).unwrap_or_default();
+    // A series that began later is looked at with the others: two checks in a row are not to rest on the same rows
+    let longest = all.iter().max_by_key(|q| q.watch.series.len());
+    i32::from(longest.is_some_and(|q| q.watch.due()))
 }
 
 /// `m4gn_averages_check`.

@@ -54,7 +54,7 @@ void m4gn_averages_add(
 int32_t m4gn_averages_push(
     m4gn_averages* averages, size_t series, double time, double value, double weight, int32_t surrogate);
 
-//- Has a series grown by a tenth since the last check?
+//- Has the longest series grown by a tenth since the last check?
 int32_t m4gn_averages_due(const m4gn_averages* averages);
 
 //- Looks at a series. 0, or 1 if there are too few rows.
