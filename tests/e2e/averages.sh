@@ -102,6 +102,7 @@ sed -i 's/^startFrom .*/startFrom startTime;/; s/^writeFormat .*/writeFormat asc
 
 # Two ranks end as one
 clean_case
+averages 'stop yes; minTime 0.5;'
 on_two_ranks icoFoam
 grep -q 'all figures of averages are known' log.run || fail "two ranks know less than one"
 
