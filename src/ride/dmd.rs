@@ -2,6 +2,7 @@
 
 use crate::dmd_settings::DmdSettings;
 use crate::fit_control::FitRules;
+use crate::interval::Interval;
 use crate::registry::Making;
 use crate::schedule::Step;
 use crate::settings::Mode;
@@ -12,12 +13,6 @@ use m4gn_state::{Layout, Role, Values};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
-
-/// Time steps of the solver between snapshots where nothing is said: the longest of those that were made of late.
-const STEPS: f64 = 25.0;
-
-/// Steps whose longest is remembered: between once and twice as many.
-const LATE: usize = 500;
 
 /// What rounding makes of a number of strides, s/s.
 fn rounded(strides: f64) -> f64 {
@@ -37,9 +32,7 @@ struct RestartState {
     offset: f64,
     /// Whether the next snapshot is the first one after a jump.
     jumped: bool,
-    /// The longest step of the solver among the `LATE` before the last `count` ones, and among these, s.
-    longest: [f64; 2],
-    count: usize,
+    interval: Interval,
 }
 
 /// The decomposition in a run.
@@ -77,7 +70,7 @@ impl DmdSurrogate {
         let places: Vec<usize> =
             (0..layout.arrays().len()).filter(|&i| layout.arrays()[i].role != Role::Held).collect();
         let advances = layout.measured();
-        let interval = settings.snapshot_interval.unwrap_or(STEPS * of.start.delta_t);
+        let interval = Interval::first(settings.snapshot_interval, of.start.delta_t);
         // A rollout beside the solver needs the snapshots of its start until its end.
         let held = if observes { settings.window } else { 0 };
         let own = Settings { interval, storage: settings.storage, fit: settings.fit(), held };
@@ -112,7 +105,7 @@ impl DmdSurrogate {
             settings,
             now: RestartState {
                 begin: of.start.time,
-                longest: [0.0, of.start.delta_t],
+                interval: Interval::new(of.start.delta_t),
                 ..RestartState::default()
             },
             predicted: None,
@@ -129,17 +122,8 @@ impl DmdSurrogate {
         Some(name.into())
     }
 
-    /// The time between snapshots where a step of the solver (s) asks for another one: that of the settings, doubled as often as it takes to be
-    /// as long as the step; else so many steps, where it is off from that by more than a factor of two.
     fn other_interval(&self, delta_t: f64) -> Option<f64> {
-        let longest = self.now.longest.iter().copied().fold(delta_t, f64::max);
-        let (interval, steps) = (self.description.stride, STEPS * longest);
-        let other = match self.settings.snapshot_interval {
-            Some(given) => given * (longest / given * (1.0 - 1e-6)).log2().ceil().max(0.0).exp2(),
-            None if steps > 2.0 * interval || steps < 0.5 * interval => steps,
-            None => interval,
-        };
-        (other != interval).then_some(other)
+        self.now.interval.other(self.settings.snapshot_interval, self.description.stride, delta_t)
     }
 
     /// The place of an array of the layout among those that a fit knows.
@@ -312,11 +296,7 @@ impl Fits for DmdSurrogate {
 
     fn stepped(&mut self, step: &Step) {
         self.delta_t = step.delta_t;
-        if self.now.count == LATE {
-            (self.now.longest, self.now.count) = ([self.now.longest[1], 0.0], 0);
-        }
-        self.now.longest[1] = self.now.longest[1].max(step.delta_t);
-        self.now.count += 1;
+        self.now.interval.step(step.delta_t);
     }
 
     fn observe(&mut self, step: &Step, state: &[&[f64]]) -> Result<Seen> {
@@ -327,11 +307,12 @@ impl Fits for DmdSurrogate {
             (self.now.ahead, self.now.offset, self.now.jumped) = (0.0, 0.0, false);
             self.rollout = None;
         }
+        let period = self.now.interval.period();
         let outlook = self.online.outlook();
         let arrays: Vec<&[f64]> = self.places.iter().map(|&i| state[i]).collect();
         let snapshots = self.online.offer(step.time, step.delta_t, &arrays)?;
         if snapshots == 0 {
-            return Ok(Seen { interval, ..Seen::default() });
+            return Ok(Seen { interval, period, ..Seen::default() });
         }
         self.now.begin = step.time;
         self.now.offset = self.online.since(step.time).unwrap_or(0.0).max(0.0);
@@ -340,13 +321,17 @@ impl Fits for DmdSurrogate {
             let trial = self.online.later(&outlook, snapshots as f64);
             (self.online.errors(&trial, snapshots).map_or(f64::INFINITY, |e| relative(&e)), jumped)
         });
-        Ok(Seen { interval, snapshots, contiguous: self.online.stretch(), error })
+        Ok(Seen { interval, period, snapshots, contiguous: self.online.stretch(), error })
     }
 
     fn fit(&mut self) -> Option<FitReport> {
         self.online.fit()?;
         let modes = self.online.modes();
         let fit = self.online.fitted()?;
+        if fit.tail_error() >= self.rules.fit_tolerance {
+            let present = self.description.stride;
+            self.now.interval.take(&modes, present, fit.numbers.len() as f64 * present);
+        }
         let shape = fit.dmd.shape;
         Some(FitReport {
             snapshots: fit.numbers.len(),

@@ -13,7 +13,7 @@ settings! {
     /// Settings of a dmd surrogate in a run.
     pub struct DmdSettings in "dmd" {
         /// Time between the states that are kept, the stride: a tenth to a twentieth of the period of what the flow does.
-        pub snapshot_interval: Option<f64> [s] = None, "25 of the longest time steps of late";
+        pub snapshot_interval: Option<f64> [s] = None, "found in the run: 25 of the longest time steps of late, then a fourteenth of the period that two fits have shown";
         /// States in a fit at most, up to 1000.
         pub window: usize = FitSettings::default().window;
         // The first states after a jump are not yet the solver's own.

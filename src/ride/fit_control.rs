@@ -112,9 +112,13 @@ impl FitControl {
         if let Some(interval) = seen.interval {
             (self.tried, self.length) = (0, fits.rules().initial_jump as f64);
             self.errors.clear();
+            let why = match seen.period {
+                Some(period) => format!("fits show a period of {period:.3e} s"),
+                None => format!("the solver's step is {:.3e} s", step.delta_t),
+            };
             said = format!(
-                "m4gn: time {}: the solver's step is {:.3e} s: states are kept {interval:.3e} s apart from here on\n\n",
-                step.name, step.delta_t
+                "m4gn: time {}: {why}: states are kept {interval:.3e} s apart from here on\n\n",
+                step.name
             );
         }
         if seen.snapshots == 0 {

@@ -127,6 +127,8 @@ pub trait Surrogate {
 pub struct Seen {
     /// The time between snapshots where it is another from here on, s: the window is then empty.
     pub interval: Option<f64>,
+    /// The period of the flow that the interval follows from, s; none: it follows from the settings or the solver's step.
+    pub period: Option<f64>,
     /// Snapshots that came of it.
     pub snapshots: usize,
     /// Snapshots without a gap up to now.
