@@ -14,14 +14,19 @@ mod restarting;
 const CELLS: usize = 12;
 const DELTA_T: f64 = 0.05;
 
-/// Waves of constant size; from `broken` on of another frequency, or at rest where it is negative. Noise where it is not a number.
+/// Waves of constant size; from `broken` on of another frequency, or at rest where it is negative; with some noise where it is infinite. Noise
+/// alone where it is not a number.
 fn solver(time: f64, broken: f64) -> Vec<f64> {
     if broken < 0.0 {
         return solver(time.min(-broken), 1e9);
     }
+    let noise = |i: usize| 43758.5453 * (12.9898 * (time / DELTA_T * 50.0).round() + 78.233 * i as f64).sin();
+    let noise = |i: usize| noise(i).rem_euclid(1.0);
     if broken.is_nan() {
-        let noise = |i: usize| 43758.5453 * (12.9898 * (time / DELTA_T).round() + 78.233 * i as f64).sin();
-        return (0..CELLS).map(|i| noise(i).rem_euclid(1.0)).collect();
+        return (0..CELLS).map(noise).collect();
+    }
+    if broken.is_infinite() {
+        return solver(time, 1e9).iter().enumerate().map(|(i, u)| u + 0.005 * noise(i)).collect();
     }
     let late = (time - broken).max(0.0);
     let x = |i: usize| i as f64 * 0.5;
@@ -301,6 +306,19 @@ fn the_stride_follows_the_step() {
     host.run(1e9, |_| false);
     let stride = host.ride.candidates[0].stride();
     assert!((0.0125..=0.05).contains(&stride), "{stride}");
+}
+
+/// Where a case sets no interval: 25 steps are a hundredth of the wave's period, and states are then a fourteenth of it apart.
+#[test]
+fn the_stride_follows_the_period() {
+    let settings = r#"{"mode": "replace", "surrogates": ["dmd"], "dmd": {"initialJump": 5, "window": 24}}"#;
+    let mut host = Host::new(settings, 0.0, 0, 60.0, solver(0.0, 1e9));
+    host.delta_t = |_| 0.001;
+    host.run(f64::INFINITY, |_| false);
+    assert!(host.log.contains(": fits show a period of "), "{}", host.log);
+    let stride = host.ride.candidates[0].stride();
+    assert!((0.1..=0.4).contains(&stride), "periods are 3.3 and 2.0: {stride}\n{}", host.log);
+    assert!(!host.jumps.is_empty() && host.worst < 0.05, "{} {:?}\n{}", host.worst, host.jumps, host.log);
 }
 
 /// An interval that is shorter than the steps is doubled until it is not.

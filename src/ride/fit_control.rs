@@ -5,6 +5,7 @@
 //! lets the next one be longer; one that agrees to the tolerance lets it be shorter; else the solver goes on until a new fit holds.
 
 use crate::decisions::Decisions;
+use crate::interval::LEAST_ENERGY;
 use crate::schedule::Step;
 use crate::surrogate::{FitReport, Fits};
 use crate::tables::Digits;
@@ -278,15 +279,14 @@ fn mode_as_data(mode: &Mode) -> Value {
     })
 }
 
-/// The mode with the largest share of the energy, for people.
+/// The wave with the largest share of the energy, for people.
 fn leading(modes: &[Mode]) -> String {
     let digits = Digits(3);
-    let Some(mode) = modes.first() else { return "nothing changes".into() };
-    let period = match mode.frequency {
-        0.0 => "no period".into(),
-        frequency => format!("period {} s", digits.of(1.0 / frequency)),
+    // The mean and drifts have shares of their own.
+    let Some(mode) = modes.iter().find(|m| m.frequency > 0.0 && m.energy >= LEAST_ENERGY) else {
+        return "no wave in it".into();
     };
-    format!("{period}, growth {} 1/s", digits.of(mode.growth_rate))
+    format!("period {} s, growth {} 1/s", digits.of(1.0 / mode.frequency), digits.of(mode.growth_rate))
 }
 
 fn described(report: &FitReport, rules: &FitRules, step: &Step, verdict: &str) -> String {

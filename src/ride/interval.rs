@@ -22,7 +22,7 @@ const FARTHEST: f64 = 4.0;
 const CHANGES: usize = 3;
 
 /// Least share of the energy of the mode whose period counts.
-const LEAST_ENERGY: f64 = 0.05;
+pub(crate) const LEAST_ENERGY: f64 = 0.01;
 
 /// Two tries show the same period where theirs differ by less, of the longer one.
 const ALIKE: f64 = 0.2;
@@ -150,7 +150,7 @@ mod tests {
         let mut interval = Interval::new(0.001);
         let drift = Mode { frequency: 0.0, ..wave(1.0) };
         let fast = Mode { growth_rate: -30.0, ..wave(0.1) };
-        let small = Mode { energy: 0.01, ..wave(2.0) };
+        let small = Mode { energy: 0.005, ..wave(2.0) };
         for _ in 0..3 {
             interval.take(&[drift, fast, small], 0.025, 1.0);
         }
