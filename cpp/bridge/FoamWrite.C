@@ -4,7 +4,9 @@
 #include "FoamData.H"
 
 #include "IFstream.H"
+#include "OFstream.H"
 #include "OSspecific.H"
+#include "localIOdictionary.H"
 #include "m4gnFieldFiles.H"
 #include "m4gnSegmentField.H"
 
@@ -63,4 +65,70 @@ void m4gn::FoamCase::write_start_fields(
             std::string(segment_record.data(), segment_record.size()));
     }
     files.rename();
+}
+
+namespace
+{
+// Takes the cells' values of a field from a folder of another case of the same mesh, as m4gn::FoamCase::take_start. Of the own file all but
+// these stays, whatever its boundary conditions are: a dictionary needs none of their libraries.
+template <class Type>
+bool take_field(
+    const Foam::fvMesh& mesh, const Foam::word& name, const Foam::fileName& own, const Foam::fileName& source,
+    double ratio)
+{
+    using volField = Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>;
+    const auto at = [&](const Foam::fileName& folder) {
+        return Foam::IOobject(name, folder, mesh, Foam::IOobject::MUST_READ, Foam::IOobject::NO_WRITE, false);
+    };
+    Foam::IOobject target(at(own)), other(at(source));
+    if (!target.typeHeaderOk<volField>(true) || !other.typeHeaderOk<volField>(true)) {
+        return false;
+    }
+
+    const Foam::localIOdictionary dict(target, volField::typeName);
+    const Foam::DimensionedField<Type, Foam::volMesh> found(other, mesh, "internalField");
+    const Foam::dimensionSet dimensions(dict.lookup("dimensions"));
+    if (dimensions != found.dimensions()) {
+        FatalErrorInFunction << name << " has the dimensions " << dimensions << " in " << target.objectPath()
+                             << " and " << found.dimensions() << " in " << other.objectPath()
+                             << Foam::exit(Foam::FatalError);
+    }
+    Foam::Field<Type> values(found.field());
+    // All lengths, and the density, are the same: of a velocity the first power of the ratio, of a kinematic pressure the second
+    if (Foam::mag(dimensions[Foam::dimensionSet::MASS]) < Foam::SMALL
+        && Foam::mag(dimensions[Foam::dimensionSet::TEMPERATURE]) < Foam::SMALL)
+    {
+        values *= std::pow(ratio, -dimensions[Foam::dimensionSet::TIME]);
+    }
+
+    Foam::OFstream os(target.objectPath(), mesh.time().writeFormat());
+    dict.writeHeader(os, volField::typeName);
+    for (const Foam::entry& e : dict) {
+        if (e.keyword() == "internalField") {
+            values.writeEntry(e.keyword(), os);
+        } else {
+            os << e;
+        }
+    }
+    Foam::IOobject::writeEndDivider(os);
+    if (!os.good()) {
+        FatalErrorInFunction << target.objectPath() << " cannot be written" << Foam::exit(Foam::FatalError);
+    }
+    Foam::rm(target.objectPath() + ".gz");
+    return true;
+}
+
+} // End anonymous namespace
+
+std::size_t m4gn::FoamCase::take_start(rust::Str source, double ratio) const
+{
+    const Foam::fileName folder(std::string(source.data(), source.size())), own(data_->start_name());
+    std::size_t taken = 0;
+    for (const Foam::fileName& file : Foam::readDir(data_->time.path() / own, Foam::fileName::FILE)) {
+        const auto take = [&](auto zero) {
+            return take_field<decltype(zero)>(*data_->mesh, Foam::word(file), own, folder, ratio);
+        };
+        taken += take(Foam::scalar()) || take(Foam::vector()) || take(Foam::symmTensor());
+    }
+    return taken;
 }

@@ -1,4 +1,4 @@
-//! The C interface that m4gn loads, version 6. Statuses: 0 fine, 1 failed; the message is `m4gn_foam_last_error()`.
+//! The C interface that m4gn loads, version 7. Statuses: 0 fine, 1 failed; the message is `m4gn_foam_last_error()`.
 //!
 //! Everything is said with four calls on an open case: `m4gn_foam_describe` gives a JSON object, `m4gn_foam_query`
 //! answers a JSON request with numbers, `m4gn_foam_mesh` hands out the structs of `m4gn.h`, and `m4gn_foam_write` writes
@@ -16,7 +16,7 @@ use std::{
 };
 
 /// Version of this interface; m4gn refuses a library of another.
-const ABI_VERSION: u32 = 6;
+const ABI_VERSION: u32 = 7;
 
 /// An open case and what it was last asked.
 pub struct Case {
@@ -51,6 +51,9 @@ enum Query {
     /// A field in the folder of the start time: 0 there is none, 1 the note in its header begins with `mark`, 2 it
     /// does not.
     StartField { name: String, mark: String },
+    /// Takes the cells' values of the fields in the folder of the start time from those in another time folder of this mesh, scaled by a
+    /// ratio of velocities where a field has neither mass nor temperature in its dimensions: how many were taken.
+    TakeStart { source: String, ratio: f64 },
 }
 
 /// What [`m4gn_foam_write`] does.
@@ -274,6 +277,7 @@ fn answer(case: &mut UniquePtr<FoamCase>, query: Query) -> Result<Vec<f64>, cxx:
         Query::Force { patch, time } => case.force(&patch, time)?,
         Query::Flow { patch, time } => case.flow(&patch, time)?,
         Query::Reaction { patch, time } => case.reaction(&patch, time)?,
+        Query::TakeStart { source, ratio } => vec![case.take_start(&source, ratio)? as f64],
         Query::StartField { name, mark } => {
             let note = case.start_note(&name)?;
             vec![match (note.is_empty(), note.starts_with(&mark)) {

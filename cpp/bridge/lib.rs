@@ -49,5 +49,6 @@ mod foam {
             values: &[f64],
             segment_record: &str,
         ) -> Result<()>;
+        fn take_start(&self, source: &str, ratio: f64) -> Result<usize>;
     }
 }

@@ -7,6 +7,7 @@ mod output;
 pub mod averages;
 pub mod bench;
 pub mod calibrate;
+pub mod campaign;
 pub mod check;
 pub mod compare;
 pub mod convert;
@@ -52,6 +53,7 @@ enum Command {
     Convert(convert::Args),
     Compare(compare::Args),
     Hybrid(hybrid::Args),
+    Campaign(campaign::Args),
     Study(study::Args),
     Bench(bench::Args),
     Segment(segment::Args),
@@ -74,6 +76,7 @@ fn main() -> ExitCode {
         Command::Convert(args) => convert::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Hybrid(args) => hybrid::run(args),
+        Command::Campaign(args) => campaign::run(args),
         Command::Study(args) => study::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Segment(args) => segment::run(args),

@@ -1,4 +1,4 @@
-//! What is done with models and trajectories outside of a solver: eight tools, a module each.
+//! What is done with models and trajectories outside of a solver: nine tools, a module each.
 //!
 //! | module | tool | its way in |
 //! | --- | --- | --- |
@@ -7,6 +7,7 @@
 //! | [`compare`] | two runs of a case: fields, forces, motion, times | [`compare::compare`] |
 //! | [`hybrid`] | many cases, each with and without surrogate | [`hybrid::run`] |
 //! | [`generate`] | training data | [`generate::queue::Queue::run`] |
+//! | [`campaign`] | runs of a case over its parameters | [`campaign::run`] |
 //! | [`study`] | networks on data sets, compared | [`study::run`] |
 //! | [`bench`] | what a step costs | [`bench::Workload`], [`bench::Trial`] |
 //!
@@ -14,6 +15,7 @@
 
 pub mod bench;
 pub mod calibrate;
+pub mod campaign;
 pub mod check;
 pub mod compare;
 pub mod decisions;

@@ -13,7 +13,7 @@ const SEARCHED: usize = 1 << 18;
 pub(super) const NAME: &str = "m4gnCheck";
 
 /// What is not of use to a run.
-const LEFT_OUT: [&str; 4] = ["postProcessing", "VTK", "logs", "dynamicCode"];
+pub(crate) const LEFT_OUT: [&str; 4] = ["postProcessing", "VTK", "logs", "dynamicCode"];
 
 /// A case whose solver can be run.
 #[derive(Debug)]
@@ -73,17 +73,8 @@ impl Copy {
         self.original.join("system/controlDict")
     }
 
-    /// An entry of `controlDict`, as OpenFOAM reads it; none: it has none.
     fn entry(&self, name: &str, tools: &Surroundings) -> Result<Option<String>> {
-        let control = self.control().display().to_string();
-        let done = tools.run(&self.folder, &["foamDictionary", "-entry", name, "-value", &control]);
-        let log = excerpt(&self.folder.join("log.foamDictionary"));
-        match done {
-            Ok(()) => Ok(log.lines().rfind(|l| !l.trim().is_empty()).map(|l| l.trim().to_string())),
-            Err(Error::Interrupted(e)) => Err(Error::Interrupted(e)),
-            Err(_) if log.contains("Cannot find entry") => Ok(None),
-            Err(e) => Err(Error::file(self.control(), super::log::words(&log, &e))),
-        }
+        entry(&self.folder, &self.control(), name, tools)
     }
 
     /// What a run reads: its dictionaries, the first and the last time, and that which it starts from.
@@ -135,19 +126,9 @@ impl Copy {
 
     /// Which of the user's function objects are m4gn's.
     fn find_own(&mut self, tools: &Surroundings) -> Result<()> {
-        if self.entry("functions", tools)?.is_none() {
-            return Ok(());
-        }
-        let control = self.control().display().to_string();
-        let listed =
-            tools.run(&self.folder, &["foamDictionary", "-entry", "functions", "-keywords", &control]);
-        let names = excerpt(&self.folder.join("log.foamDictionary"));
-        for name in names.lines().map(str::trim).filter(|n| listed.is_ok() && !n.is_empty()) {
-            let kind = self.entry(&format!("functions/{name}/type"), tools)?;
-            if kind.is_some_and(|k| k.starts_with("m4gn")) {
-                self.own.push(name.to_string());
-            }
-        }
+        let all = function_objects(&self.folder, &self.control(), tools)?;
+        self.own =
+            all.into_iter().filter(|(_, kind)| kind.starts_with("m4gn")).map(|(name, _)| name).collect();
         if !self.own.is_empty() {
             self.notes.push(format!("the case's own {} is left out", self.own.join(", ")));
         }
@@ -210,26 +191,60 @@ impl Copy {
     }
 }
 
+/// An entry of a dictionary, as OpenFOAM reads it; none: it has none. The program works in `folder`.
+pub(crate) fn entry(folder: &Path, file: &Path, name: &str, tools: &Surroundings) -> Result<Option<String>> {
+    let done = tools.run(folder, &["foamDictionary", "-entry", name, "-value", &file.display().to_string()]);
+    let log = excerpt(&folder.join("log.foamDictionary"));
+    match done {
+        Ok(()) => Ok(log.lines().rfind(|l| !l.trim().is_empty()).map(|l| l.trim().to_string())),
+        Err(Error::Interrupted(e)) => Err(Error::Interrupted(e)),
+        Err(_) if log.contains("Cannot find entry") => Ok(None),
+        Err(e) => Err(Error::file(file, super::log::words(&log, &e))),
+    }
+}
+
+/// Names and types of the function objects in a `controlDict`.
+pub(crate) fn function_objects(
+    folder: &Path,
+    control: &Path,
+    tools: &Surroundings,
+) -> Result<Vec<(String, String)>> {
+    if entry(folder, control, "functions", tools)?.is_none() {
+        return Ok(Vec::new());
+    }
+    let path = control.display().to_string();
+    let listed = tools.run(folder, &["foamDictionary", "-entry", "functions", "-keywords", &path]);
+    let names = excerpt(&folder.join("log.foamDictionary"));
+    let mut found = Vec::new();
+    for name in names.lines().map(str::trim).filter(|n| listed.is_ok() && !n.is_empty()) {
+        if let Some(kind) = entry(folder, control, &format!("functions/{name}/type"), tools)? {
+            found.push((name.to_string(), kind));
+        }
+    }
+    Ok(found)
+}
+
 /// Whether a case has a mesh.
-fn has_mesh(case: &Path) -> bool {
+pub(crate) fn has_mesh(case: &Path) -> bool {
     ["faces", "faces.gz"].iter().any(|f| case.join("constant/polyMesh").join(f).exists())
         // Of several regions each has its own
         || fs::read_dir(case.join("constant")).into_iter().flatten().flatten().any(|e| e.path().join("polyMesh/faces").exists())
 }
 
-fn names(folder: &Path) -> Result<Vec<String>> {
+/// Names of all that a folder has.
+pub(crate) fn names(folder: &Path) -> Result<Vec<String>> {
     let entries = fs::read_dir(folder).map_err(|e| Error::file(folder, format!("cannot be read: {e}")))?;
     Ok(entries.flatten().filter_map(|e| e.file_name().into_string().ok()).collect())
 }
 
 /// The time that a folder is of; none: it is of none.
-fn time(name: &str) -> Option<f64> {
+pub(crate) fn time(name: &str) -> Option<f64> {
     name.parse::<f64>().ok().filter(|t| t.is_finite())
 }
 
 /// Copies a file, or a folder with all that is in it. Links become what they lead to; those that lead nowhere or back to where they are,
 /// pipes and devices are left out.
-fn copy_all(from: &Path, to: &Path) -> Result<()> {
+pub(crate) fn copy_all(from: &Path, to: &Path) -> Result<()> {
     copy_within(from, to, &mut Vec::new())
 }
 
@@ -268,7 +283,7 @@ fn read_all(path: &Path, texts: &mut Vec<String>) {
 }
 
 /// Whether a text has this name as a whole part of a path.
-fn mentions(text: &str, name: &str) -> bool {
+pub(crate) fn mentions(text: &str, name: &str) -> bool {
     let inside = |c: char| c.is_alphanumeric() || "_-.".contains(c);
     text.match_indices(name).any(|(at, _)| {
         let (before, after) = (text[..at].chars().next_back(), text[at + name.len()..].chars().next());

@@ -6,7 +6,7 @@ use m4gn_base::Error;
 const LONGEST: usize = 600;
 
 /// A fatal error of OpenFOAM: its text, and whether it is m4gn's.
-pub(super) fn fatal(log: &str) -> Option<(String, bool)> {
+pub(crate) fn fatal(log: &str) -> Option<(String, bool)> {
     let lines: Vec<&str> = log.lines().map(plain).collect();
     let begin = lines.iter().position(|l| l.contains("FOAM FATAL"))?;
     let rest = &lines[begin + 1..];

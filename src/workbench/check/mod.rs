@@ -1,8 +1,8 @@
 //! Whether a case fits: its solver runs a few steps in a copy of it, with the function object m4gnSurrogate in mode check, which refuses and hands over
 //! by the same code as in a run.
 
-mod copy;
-mod log;
+pub(crate) mod copy;
+pub(crate) mod log;
 mod report;
 mod verdict;
 

@@ -3,7 +3,7 @@
 use super::FoamCase;
 use m4gn_base::{Error, Result};
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Who wrote a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,5 +57,18 @@ impl FoamCase {
         let request =
             json!({ "fields": names, "note": note, "remove": remove, "segment_record": segment_record });
         self.handle.write(&request, &values)
+    }
+
+    /// Takes the cells' values of the fields in the folder of the start time from `source`, a time folder of a case of the same mesh; their
+    /// boundary conditions stay. Fields that have neither mass nor temperature in their dimensions are scaled by `ratio` to the power that
+    /// the second has in them, a velocity's by the first and a kinematic pressure's by the second power. Returns how many fields were taken.
+    ///
+    /// # Errors
+    /// OpenFOAM's message for fields of other sizes or dimensions, and files that cannot be read or written.
+    pub fn take_start(&mut self, source: &Path, ratio: f64) -> Result<usize> {
+        let source =
+            std::path::absolute(source).map_err(|e| Error::file(source, format!("is no path: {e}")))?;
+        let found = self.handle.query(&json!({ "query": "take_start", "source": source, "ratio": ratio }))?;
+        Ok(found[0] as usize)
     }
 }

@@ -1,0 +1,333 @@
+//! Copies of the user's case: what is copied, what they differ in, and what a run is made from.
+
+use super::settings::{Quantity, Settings, Statistic};
+use super::table::{Row, Table};
+use crate::check::copy::{LEFT_OUT, copy_all, entry, function_objects, names, time};
+use crate::digest::Digest;
+use crate::generate::process::Surroundings;
+use m4gn_base::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The file of a case that has a run's parameters.
+pub const PARAMETERS: &str = "system/simulationParameters";
+/// Name of our m4gnAverages in a run.
+pub const AVERAGES: &str = "m4gnCampaign";
+/// Name of our m4gnSurrogate in a run.
+const SURROGATE: &str = "m4gnCampaignSurrogate";
+/// The user's `controlDict` in a copy.
+const CONTROL: &str = "controlDict.case";
+/// Ends the names of files in [`MadeFrom`].
+const OF_CASE: &str = " of the case";
+/// Deepest folder that is looked into.
+const DEPTH: usize = 32;
+
+/// Digests of all that a run was made from, by names that people understand.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
+pub struct MadeFrom(pub BTreeMap<String, String>);
+
+impl MadeFrom {
+    /// In what the other one differs, for people; none: in nothing.
+    pub fn differs(&self, other: &MadeFrom) -> Option<String> {
+        let names = self.0.keys().chain(other.0.keys().filter(|k| !self.0.contains_key(*k)));
+        let found: Vec<&str> =
+            names.filter(|k| self.0.get(*k) != other.0.get(*k)).map(String::as_str).collect();
+        match found.len() {
+            0 => None,
+            n @ 1..=4 => Some(found[..n].join(", ")),
+            n => Some(format!("{} and {} more", found[..3].join(", "), n - 3)),
+        }
+    }
+
+    /// What a run is made from beside the case's files, which are `self`; `plain`: cold, without surrogate, and to the end.
+    pub fn of_run(&self, s: &Settings, table: &Table, row: &Row, plain: bool) -> MadeFrom {
+        let mut parts = self.0.clone();
+        let mut part = |name: &str, value: &dyn std::fmt::Debug| {
+            let mut digest = Digest::default();
+            digest.add("", format!("{value:?}").as_bytes());
+            parts.insert(name.to_string(), digest.text());
+        };
+        part("prepare", &s.prepare);
+        part("solver and ranks", &(&s.solver, s.ranks));
+        part("quantities", &(&s.quantity, s.confidence));
+        part("end_time", &s.end_time);
+        part("the run's parameters", &(&table.parameters, &row.values));
+        if !plain {
+            part("start and scale", &(s.start, &s.scale));
+            part("surrogate", &(&s.surrogate, &s.surrogate_entries));
+            part("stop and min_time", &(s.stop, s.min_time));
+        }
+        MadeFrom(parts)
+    }
+}
+
+/// The user's case, as far as runs need to know it.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// `startTime` of its `controlDict`, s.
+    pub start: f64,
+    /// `endTime`, s.
+    pub end: f64,
+    /// `application`.
+    pub application: String,
+}
+
+impl Source {
+    /// Reads what `controlDict` says. OpenFOAM's tool works in `scratch`.
+    ///
+    /// # Errors
+    /// [`Error::File`] for a folder that is no case, and an entry that is missing.
+    pub fn read(folder: &Path, scratch: &Path, tools: &Surroundings) -> Result<Self> {
+        let control = folder.join("system/controlDict");
+        if !control.is_file() {
+            return Err(Error::file(
+                folder,
+                "has no system/controlDict: expected the folder of an OpenFOAM case",
+            ));
+        }
+        let wanted = |name: &str| {
+            entry(scratch, &control, name, tools)?
+                .ok_or_else(|| Error::file(&control, format!("has no entry {name}: expected one")))
+        };
+        let number = |name: &str| {
+            let text = wanted(name)?;
+            text.parse()
+                .map_err(|_| Error::file(&control, format!("{name}: expected a number, found {text}")))
+        };
+        let (start, end, application) = (number("startTime")?, number("endTime")?, wanted("application")?);
+        Ok(Source { folder: folder.to_path_buf(), start, end, application })
+    }
+
+    /// Names in the case's folder that are copied: all but other times, and what runs have left.
+    fn contents(&self) -> Result<Vec<String>> {
+        let mut found = names(&self.folder)?;
+        found.retain(|name| match time(name) {
+            Some(t) => t == self.start,
+            None => {
+                let left = name.starts_with("processor") || name.starts_with("log.") || name.starts_with('.');
+                !left && !LEFT_OUT.contains(&name.as_str())
+            }
+        });
+        found.sort();
+        Ok(found)
+    }
+
+    /// The case's files that are copied, by their paths in it.
+    ///
+    /// # Errors
+    /// [`Error::File`] where a folder cannot be read.
+    pub fn files(&self) -> Result<Vec<String>> {
+        let mut files = Vec::new();
+        for name in self.contents()? {
+            self.below(&name, DEPTH, &mut files)?;
+        }
+        Ok(files)
+    }
+
+    fn below(&self, name: &str, depth: usize, files: &mut Vec<String>) -> Result<()> {
+        let path = self.folder.join(name);
+        let Ok(kind) = fs::metadata(&path) else { return Ok(()) };
+        if kind.is_file() && name != PARAMETERS {
+            files.push(name.to_string());
+        } else if kind.is_dir() && depth > 0 {
+            let mut inner = names(&path)?;
+            inner.sort();
+            inner.iter().try_for_each(|n| self.below(&format!("{name}/{n}"), depth - 1, files))?;
+        }
+        Ok(())
+    }
+
+    /// The digests of the case's files.
+    ///
+    /// # Errors
+    /// [`Error::File`] where one cannot be read.
+    pub fn digests(&self) -> Result<MadeFrom> {
+        let mut parts = BTreeMap::new();
+        for name in self.files()? {
+            let mut digest = Digest::default();
+            digest.add_file("", &self.folder.join(&name))?;
+            parts.insert(format!("{name}{OF_CASE}"), digest.text());
+        }
+        Ok(MadeFrom(parts))
+    }
+
+    /// Copies the case to `copy`, which is not there yet, with a run's parameters and entries.
+    ///
+    /// # Errors
+    /// [`Error::File`] for what cannot be copied or written.
+    pub fn copy(
+        &self,
+        copy: &Path,
+        settings: &Settings,
+        parameters: &str,
+        plain: bool,
+        tools: &Surroundings,
+    ) -> Result<()> {
+        for name in self.contents()? {
+            copy_all(&self.folder.join(&name), &copy.join(&name))?;
+        }
+        let first = copy.join(self.start.to_string());
+        if !first.exists() && copy.join("0.orig").is_dir() {
+            copy_all(&copy.join("0.orig"), &first)?;
+        }
+        write(&copy.join(PARAMETERS), parameters)?;
+        let (control, own) = (copy.join("system/controlDict"), copy.join("system").join(CONTROL));
+        fs::rename(&control, &own).map_err(|e| Error::file(&control, format!("cannot be renamed: {e}")))?;
+        let all = function_objects(copy, &own, tools)?;
+        let ours = |kind: &str| ["m4gnSurrogate", "m4gnAverages"].contains(&kind);
+        let off: Vec<String> = all.into_iter().filter(|(_, kind)| ours(kind)).map(|(name, _)| name).collect();
+        write(&control, &self.control_dict(settings, plain, &off))
+    }
+
+    /// The `controlDict` of a run: the user's, from its start time, with the last state stored, and our function objects behind the user's.
+    fn control_dict(&self, s: &Settings, plain: bool, off: &[String]) -> String {
+        let end = s.end_time.unwrap_or(self.end);
+        let off: String = off.iter().map(|name| format!("    {name} {{ enabled no; }}\n")).collect();
+        let surrogate = match &s.surrogate {
+            Some(name) if !plain => format!(
+                "    {SURROGATE}\n    {{\n        type m4gnSurrogate;\n        libs (m4gnFoam);\n        mode replace;\n        \
+                 surrogates ({name});\n        {}\n    }}\n",
+                s.surrogate_entries
+            ),
+            _ => String::new(),
+        };
+        let stop = if s.stop && !plain { "yes" } else { "no" };
+        let quantities: String = s.quantity.iter().map(entries).collect();
+        // The user's first: entries that come later count
+        format!(
+            "{}#include \"{CONTROL}\"\nstartFrom startTime;\nstopAt endTime;\nendTime {end};\nwriteControl runTime;\nwriteInterval {};\n\
+             purgeWrite 0;\nrunTimeModifiable no;\nfunctions\n{{\n{off}{surrogate}    {AVERAGES}\n    {{\n        type m4gnAverages;\n        \
+             libs (m4gnAverages);\n        confidence {};\n        stop {stop};\n        minTime {};\n        quantities\n        \
+             {{\n{quantities}        }}\n    }}\n}}\n",
+            header("controlDict"),
+            end - self.start,
+            s.confidence,
+            s.min_time,
+        )
+    }
+}
+
+fn entries(q: &Quantity) -> String {
+    let mut text =
+        format!("            {} {{ functionObject {}; result {};", q.name, q.function_object, q.result);
+    let mut more = |name: &str, value: Option<String>| {
+        if let Some(value) = value {
+            text += &format!(" {name} {value};");
+        }
+    };
+    more("component", q.component.clone());
+    more("statistic", (q.statistic == Statistic::Rms).then(|| "rms".into()));
+    more("tolerance", q.tolerance.map(|v| v.to_string()));
+    more("relative", q.relative.map(|v| v.to_string()));
+    text + " }\n"
+}
+
+/// What an OpenFOAM dictionary begins with.
+pub fn header(object: &str) -> String {
+    format!("FoamFile {{ version 2.0; format ascii; class dictionary; object {object}; }}\n")
+}
+
+/// The text of [`PARAMETERS`].
+pub fn parameters(table: &Table, row: &Row) -> String {
+    let entries = table.parameters.iter().zip(&row.values).map(|(name, value)| format!("{name} {value};\n"));
+    header("simulationParameters") + &entries.collect::<String>()
+}
+
+/// Writes a file of a copy.
+pub fn write(path: &Path, text: &str) -> Result<()> {
+    fs::write(path, text).map_err(|e| Error::file(path, format!("cannot be written: {e}")))
+}
+
+/// Name and time of the folder of the last time in a run's case, if it is behind `start`.
+pub fn last_time(case: &Path, start: f64) -> Result<Option<(String, f64)>> {
+    let times = names(case)?.into_iter().filter_map(|n| time(&n).map(|t| (n, t)));
+    Ok(times.filter(|(_, t)| *t > start).max_by(|a, b| a.1.total_cmp(&b.1)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn source(files: &[&str]) -> (tempfile::TempDir, Source) {
+        let dir = tempfile::tempdir().unwrap();
+        for name in files {
+            let path = dir.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, name).unwrap();
+        }
+        let folder = dir.path().to_path_buf();
+        (dir, Source { folder, start: 0.0, end: 2.0, application: "icoFoam".into() })
+    }
+
+    fn settings() -> Settings {
+        toml::from_str(
+            "case = \"c\"\nsolver = [\"icoFoam\"]\nmin_time = 0.5\nsurrogate = \"dmd\"\n[[quantity]]\nname = \"Cl\"\nfunction_object = \"f\"\n\
+             result = \"Cl\"\nstatistic = \"rms\"\nrelative = 0.02\n",
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn what_runs_left_is_not_of_the_case() {
+        let files = [
+            "0/U",
+            "0.5/U",
+            "constant/g",
+            "log.icoFoam",
+            "postProcessing/a",
+            "processor0/0/U",
+            "system/controlDict",
+            PARAMETERS,
+        ];
+        let (_dir, source) = source(&files);
+        assert_eq!(source.files().unwrap(), ["0/U", "constant/g", "system/controlDict"]);
+    }
+
+    #[test]
+    fn an_edit_is_named() {
+        let (_dir, source) = source(&["0/U", "constant/g"]);
+        let table = Table {
+            parameters: vec!["u".into()],
+            rows: vec![Row { name: "a".into(), values: vec!["1".into()] }],
+        };
+        let of =
+            |s: &Settings, t: &Table, plain: bool| source.digests().unwrap().of_run(s, t, &t.rows[0], plain);
+        let mut s = settings();
+        let (before, plain) = (of(&s, &table, false), of(&s, &table, true));
+        assert_eq!(of(&s, &table, false).differs(&before), None);
+        let mut other = table.clone();
+        other.rows[0].values[0] = "2".into();
+        assert_eq!(of(&s, &other, false).differs(&before).unwrap(), "the run's parameters");
+        s.min_time = 0.7;
+        assert_eq!(of(&s, &table, false).differs(&before).unwrap(), "stop and min_time");
+        assert_eq!(of(&s, &table, true).differs(&plain), None, "a plain run is not ended by them");
+        fs::write(source.folder.join("0/U"), "other").unwrap();
+        fs::write(source.folder.join("0/p"), "new").unwrap();
+        assert_eq!(
+            of(&settings(), &table, false).differs(&before).unwrap(),
+            "0/U of the case, 0/p of the case"
+        );
+    }
+
+    #[test]
+    fn a_run_has_our_entries_behind_the_case_s() {
+        let (_dir, source) = source(&[]);
+        let text = source.control_dict(&settings(), false, &["own".into()]);
+        for expected in [
+            "#include \"controlDict.case\"\nstartFrom startTime;",
+            "endTime 2;\nwriteControl runTime;\nwriteInterval 2;",
+            "own { enabled no; }",
+            "surrogates (dmd);",
+            "stop yes;\n        minTime 0.5;",
+            "Cl { functionObject f; result Cl; statistic rms; relative 0.02; }",
+        ] {
+            assert!(text.contains(expected), "{expected}: {text}");
+        }
+        let plain = source.control_dict(&settings(), true, &[]);
+        assert!(plain.contains("stop no;") && !plain.contains("surrogates"), "{plain}");
+    }
+}

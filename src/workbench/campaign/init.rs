@@ -1,0 +1,271 @@
+//! A campaign made of a case: its three files.
+
+use super::case::{PARAMETERS, Source, parameters};
+use super::sampling::{Method, Parameter, sample};
+use super::survey::{check_uses, commands};
+use super::{settings, table};
+use crate::check::copy::{entry, function_objects};
+use crate::generate::openfoam::plain_path;
+use crate::generate::process::Surroundings;
+use m4gn_base::{Error, Result, files, refuse};
+use std::path::PathBuf;
+
+/// What a campaign is to be made of.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// The case.
+    pub case: PathBuf,
+    /// Folder of the campaign.
+    pub out: PathBuf,
+    /// Its parameters.
+    pub parameters: Vec<Parameter>,
+    /// How their values are chosen; none: as [`sample`] says.
+    pub method: Option<Method>,
+    /// Runs, or values of each range in a grid.
+    pub count: usize,
+    /// Of the draw.
+    pub seed: u64,
+    /// Ranks of the solver; none: as the case's own script has it.
+    pub ranks: Option<usize>,
+}
+
+/// What was found and made.
+#[derive(Clone, Debug)]
+pub struct Found {
+    /// Runs.
+    pub runs: usize,
+    /// What the user should know or look at.
+    pub notes: Vec<String>,
+}
+
+/// Makes the campaign's folder and its files, and the case's [`PARAMETERS`] where it has none.
+///
+/// # Errors
+/// [`Error::File`] where there is a campaign already, and for what the case lacks; [`Error::Input`] for a parameter that no file uses. Nothing is
+/// written then.
+pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
+    let (case, out) = (plain_path(&request.case)?, plain_path(&request.out)?);
+    let file = out.join(settings::FILE);
+    refuse(
+        file.exists(),
+        |m| Error::file(&file, m),
+        || "is there already: expected a folder without a campaign; edit that file, or choose another folder",
+    )?;
+    refuse(
+        out.starts_with(&case),
+        |m| Error::file(&out, m),
+        || "lies in the case: expected a folder outside of it",
+    )?;
+    refuse(
+        request.parameters.is_empty(),
+        Error::Input,
+        || "expected --parameter NAME=LOW:HIGH or NAME=VALUE,VALUE,..., at least one",
+    )?;
+    let table = sample(&request.parameters, request.method, request.count, request.seed)?;
+    let scratch = tempfile::tempdir()
+        .map_err(|e| Error::Input(format!("there is no place for temporary files: {e}")))?;
+    let source = Source::read(&case, scratch.path(), tools)?;
+    let alone = check_uses(&source, &request.parameters)?;
+    let mut notes = Vec::new();
+    if !alone.is_empty() {
+        notes.push(format!(
+            "{} uses a parameter and does not include {PARAMETERS} itself: unless a file that it includes does, add #include \"<system>/simulationParameters\"",
+            alone.join(", ")
+        ));
+    }
+    let shared = case.join(PARAMETERS);
+    check_shared(&shared, &request.parameters, scratch.path(), tools)?;
+    let commands = commands(&source, &request.parameters);
+    let ranks = match (request.ranks, commands.parallel) {
+        (None, false) => 1,
+        (ranks, _) => decomposed(&source, ranks, scratch.path(), tools)?,
+    };
+    if !commands.unknown.is_empty() {
+        notes.push(format!(
+            "Allrun also has: {}; where a run needs it, add it to prepare in {}",
+            commands.unknown.join(" | "),
+            settings::FILE
+        ));
+    }
+    let functions = function_objects(scratch.path(), &case.join("system/controlDict"), tools)?;
+    let (quantities, known) = quantities(&functions);
+    if !known {
+        notes.push(format!(
+            "no quantity is known of this case: write at least one [[quantity]] into {}",
+            settings::FILE
+        ));
+    }
+    let text = text(&source, &commands.prepare, ranks, &request.parameters, &quantities)?;
+
+    std::fs::create_dir_all(&out).map_err(|e| Error::file(&out, format!("cannot be made: {e}")))?;
+    if !shared.exists() {
+        files::write_whole(&shared, parameters(&table, &table.rows[0]).as_bytes())?;
+        notes.push(format!(
+            "{} is written, with the values of {}, so that the case runs by itself",
+            shared.display(),
+            table.rows[0].name
+        ));
+    }
+    files::write_whole(&out.join(table::FILE), table.text()?.as_bytes())?;
+    files::write_whole(&file, text.as_bytes())?;
+    Ok(Found { runs: table.rows.len(), notes })
+}
+
+/// The case's own file of parameters may have nothing else: runs have another one.
+fn check_shared(
+    path: &std::path::Path,
+    parameters: &[Parameter],
+    scratch: &std::path::Path,
+    tools: &Surroundings,
+) -> Result<()> {
+    if !path.exists() {
+        return Ok(());
+    }
+    tools.run(scratch, &["foamDictionary", "-keywords", &path.display().to_string()])?;
+    let log = crate::generate::process::excerpt(&scratch.join("log.foamDictionary"));
+    let own = |word: &str| word == "FoamFile" || parameters.iter().any(|p| p.name == word);
+    match log.lines().map(str::trim).find(|l| !l.is_empty() && !own(l)) {
+        None => Ok(()),
+        Some(word) => Err(Error::file(
+            path,
+            format!(
+                "has the entry {word}: expected the campaign's parameters alone, as each run has this file anew; put it into another file"
+            ),
+        )),
+    }
+}
+
+/// Ranks of a case that is decomposed.
+fn decomposed(
+    source: &Source,
+    wanted: Option<usize>,
+    scratch: &std::path::Path,
+    tools: &Surroundings,
+) -> Result<usize> {
+    if wanted == Some(1) {
+        return Ok(1);
+    }
+    let path = source.folder.join("system/decomposeParDict");
+    refuse(
+        !path.is_file(),
+        |m| Error::file(&path, m),
+        || "is not there: expected it for a solver on several ranks; write it, or give --ranks 1",
+    )?;
+    let found = entry(scratch, &path, "numberOfSubdomains", tools)?.unwrap_or_default();
+    match (found.parse::<usize>(), wanted) {
+        (Ok(n), None) if n > 0 => Ok(n),
+        (Ok(n), Some(wanted)) if n == wanted => Ok(n),
+        (_, wanted) => Err(Error::file(
+            &path,
+            format!(
+                "numberOfSubdomains is {found}: expected {}",
+                wanted.map_or("a number".into(), |n| format!("the {n} of --ranks"))
+            ),
+        )),
+    }
+}
+
+/// Function objects that publish figures, as text of `campaign.toml`, and whether any is known well enough to be asked for.
+fn quantities(functions: &[(String, String)]) -> (String, bool) {
+    let one = |name: &str, object: &str, result: &str, rms: bool, mark: &str| {
+        let rms = if rms { format!("{mark}statistic = \"rms\"\n") } else { String::new() };
+        format!(
+            "{mark}[[quantity]]\n{mark}name = \"{name}\"\n{mark}function_object = \"{object}\"\n{mark}result = \"{result}\"\n{rms}{mark}relative = \
+             {}\n\n",
+            if rms.is_empty() { "0.01" } else { "0.02" }
+        )
+    };
+    let (mut text, mut known) = (String::new(), false);
+    for (object, kind) in functions {
+        match kind.as_str() {
+            "forceCoeffs" if !known => {
+                text += &(one("Cd", object, "Cd", false, "") + &one("Cl_rms", object, "Cl", true, ""));
+                known = true;
+            }
+            "forceCoeffs" => text += &one(&format!("Cd_{object}"), object, "Cd", false, "# "),
+            "surfaceFieldValue" | "volFieldValue" => {
+                text += &one(object, object, "average(REGION,FIELD)", false, "# ")
+            }
+            _ => {}
+        }
+    }
+    if functions.is_empty() || text.is_empty() {
+        text += &one("Cd", "forces", "Cd", false, "# ");
+    }
+    (text, known)
+}
+
+fn text(
+    source: &Source,
+    prepare: &[Vec<String>],
+    ranks: usize,
+    parameters: &[Parameter],
+    quantities: &str,
+) -> Result<String> {
+    let toml = |value: &dyn Fn() -> toml::Value| value().to_string();
+    let list = |words: &[String]| toml::Value::from(words.to_vec());
+    let prepare = toml(&|| toml::Value::Array(prepare.iter().map(|c| list(c)).collect()));
+    let solver = toml(&|| list(std::slice::from_ref(&source.application)));
+    let case = toml(&|| toml::Value::from(source.folder.display().to_string()));
+    let first = &parameters[0].name;
+    Ok(format!(
+        "# A campaign of m4gn: docs/how-to/run-a-campaign.md. Runs and their parameters are the rows of parameters.csv, which may be edited.
+
+# Each run is a copy of this case with its own {PARAMETERS}
+case = {case}
+# Commands in the copy before the solver: mesh, first fields
+prepare = {prepare}
+solver = {solver}
+# Above 1: decomposePar, mpirun, reconstructPar
+ranks = {ranks}
+
+# \"nearest\": from the last state of the nearest finished run; \"cold\": from the case's own fields
+start = \"nearest\"
+# A parameter that is a velocity: that state is scaled by it
+# scale = \"{first}\"
+# A surrogate within the runs, with entries of m4gnSurrogate (docs/how-to/choose-snapshots.md)
+# surrogate = \"dmd\"
+# surrogate_entries = \"dmd {{ snapshotInterval 0.05; }}\"
+
+# A run ends when all quantities with a tolerance are known, not before min_time, and at end_time (the case's endTime) at the latest
+stop = true
+min_time = 0
+# end_time = {}
+confidence = 0.95
+# Share of the runs that are made once more, cold and plain and to the end, as a check
+held_out = 0.1
+
+# Runs at once, and the longest time of a program, s
+jobs = 1
+time_limit = 86400
+
+# What is to be known, of function objects of the case: `tolerance` is in the quantity's unit, `relative` over it (docs/explanation/means.md)
+{quantities}",
+        source.end
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_can_be_read() {
+        let source =
+            Source { folder: "/a/\"case\"".into(), start: 0.0, end: 2.0, application: "icoFoam".into() };
+        let of = |functions: &[(&str, &str)]| {
+            let functions: Vec<_> = functions.iter().map(|(a, b)| (a.to_string(), b.to_string())).collect();
+            let (quantities, known) = quantities(&functions);
+            let prepare = [vec!["blockMesh".to_string(), "-dict".to_string()]];
+            let text = text(&source, &prepare, 2, &["Uin=1:2".parse().unwrap()], &quantities).unwrap();
+            let read: settings::Settings = toml::from_str(&text).unwrap();
+            assert_eq!((&read.case, &read.prepare[..], read.ranks), (&source.folder, &prepare[..], 2));
+            (read.quantity.len(), known, text)
+        };
+        let (n, known, _) = of(&[("forces", "forceCoeffs"), ("probes", "probes")]);
+        assert_eq!((n, known), (2, true));
+        let (n, known, text) = of(&[("mean", "volFieldValue")]);
+        assert!(n == 0 && !known && text.contains("# function_object = \"mean\""), "{text}");
+        assert!(of(&[]).2.contains("# [[quantity]]"));
+    }
+}

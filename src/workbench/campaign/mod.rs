@@ -1,0 +1,168 @@
+//! A campaign: runs of one case over its parameters, in one folder.
+//!
+//! ```text
+//! FOLDER/campaign.toml     settings          what all runs have in common
+//! FOLDER/parameters.csv    table             a row a run
+//! FOLDER/runs/NAME         one, record       case (the copy), done or failed
+//! FOLDER/checks/NAME                         the same run made cold and plain and to the end
+//! FOLDER/results.csv       report            and report.html
+//! ```
+//!
+//! A run is there when its file `done` is, which is written last; that says from which contents it was made ([`case::MadeFrom`]).
+
+pub mod case;
+mod init;
+mod one;
+pub mod record;
+mod report;
+mod run;
+pub mod sampling;
+pub mod settings;
+pub mod start;
+mod survey;
+pub mod table;
+
+pub use init::{Found, Request, init};
+pub use one::{Outcome, one};
+pub use report::{Report, report};
+pub use run::{Order, line, run, status};
+
+use crate::generate::openfoam::{environment, plain_path};
+use crate::generate::process::Surroundings;
+use case::{MadeFrom, Source};
+use m4gn_base::{Error, Result};
+use record::State;
+use settings::Settings;
+use start::Sister;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicU8;
+use std::time::Duration;
+use table::Table;
+
+/// An open campaign.
+pub struct Campaign {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// What all runs have in common.
+    pub settings: Settings,
+    /// The runs.
+    pub table: Table,
+    source: Source,
+    files: MadeFrom,
+    places: Vec<Vec<f64>>,
+}
+
+/// A run of a campaign.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unit {
+    /// Number of its row.
+    pub row: usize,
+    /// Whether it is the one that is made cold and plain and to the end.
+    pub check: bool,
+}
+
+/// Conditions of the programs of a campaign.
+///
+/// # Errors
+/// [`Error::Input`] that names programs that are not in PATH.
+pub fn surroundings(stop: &'static AtomicU8) -> Result<Surroundings> {
+    let mut environment = environment(&["foamDictionary"])?;
+    // A solver of more ranks than there are cores is slow, and not refused
+    environment.push(("OMPI_MCA_rmaps_base_oversubscribe".into(), "1".into()));
+    Ok(Surroundings { stop, timeout: Duration::from_secs(86_400), asks: false, environment })
+}
+
+impl Campaign {
+    /// Opens the campaign of a folder.
+    ///
+    /// # Errors
+    /// [`Error::File`] and [`Error::Input`] for files of the campaign or the case that are missing or wrong.
+    pub fn open(folder: &Path, tools: &mut Surroundings) -> Result<Self> {
+        let folder = plain_path(folder)?;
+        let mut settings = Settings::read(&folder)?;
+        settings.case = plain_path(&settings.case)?;
+        let table = Table::read(&folder)?;
+        let path = folder.join(settings::FILE);
+        if let Some(scale) = settings.scale.as_ref().filter(|s| !table.parameters.contains(s)) {
+            let all = table.parameters.join(", ");
+            return Err(Error::file(path, format!("scale = \"{scale}\": expected a parameter ({all})")));
+        }
+        let named = settings.prepare.iter().chain([&settings.solver]).map(|c| c[0].as_str());
+        // Scripts of the case are no programs in PATH
+        let programs: Vec<&str> =
+            named.chain((settings.ranks > 1).then_some("mpirun")).filter(|p| !p.contains('/')).collect();
+        environment(&programs)?;
+        tools.timeout = Duration::from_secs(settings.time_limit);
+        let scratch = tempfile::tempdir()
+            .map_err(|e| Error::Input(format!("there is no place for temporary files: {e}")))?;
+        let source = Source::read(&settings.case, scratch.path(), tools)?;
+        let end = settings.end_time.unwrap_or(source.end);
+        if end <= source.start {
+            return Err(Error::file(
+                path,
+                format!("end_time = {end}: expected a time behind the case's startTime {}", source.start),
+            ));
+        }
+        let (files, places) = (source.digests()?, table.places());
+        Ok(Campaign { folder, settings, table, source, files, places })
+    }
+
+    /// The run of a row.
+    ///
+    /// # Errors
+    /// [`Error::File`] where there is no such row, naming some that are there.
+    pub fn unit(&self, name: &str, check: bool) -> Result<Unit> {
+        let row = self.table.rows.iter().position(|r| r.name == name).ok_or_else(|| {
+            let some: Vec<&str> = self.table.rows.iter().take(6).map(|r| r.name.as_str()).collect();
+            Error::file(
+                self.folder.join(table::FILE),
+                format!("has no run {name}: expected one of {}, ...", some.join(", ")),
+            )
+        })?;
+        Ok(Unit { row, check })
+    }
+
+    /// All runs in the order in which they are made.
+    pub fn units(&self) -> Vec<Unit> {
+        let checks = sampling::held_out(self.table.rows.len(), self.settings.held_out);
+        let rows = sampling::spread(&self.places).into_iter().map(|row| Unit { row, check: false });
+        rows.chain(checks.into_iter().map(|row| Unit { row, check: true })).collect()
+    }
+
+    /// Name of a run, for people.
+    pub fn name(&self, unit: Unit) -> String {
+        let name = &self.table.rows[unit.row].name;
+        if unit.check { format!("{name} (check)") } else { name.clone() }
+    }
+
+    /// Folder of a run.
+    pub fn folder_of(&self, unit: Unit) -> PathBuf {
+        self.folder.join(if unit.check { "checks" } else { "runs" }).join(&self.table.rows[unit.row].name)
+    }
+
+    /// What a run would be made from now.
+    pub fn made_from(&self, unit: Unit) -> MadeFrom {
+        self.files.of_run(&self.settings, &self.table, &self.table.rows[unit.row], unit.check)
+    }
+
+    /// What a run's folder says.
+    ///
+    /// # Errors
+    /// [`Error::File`] for a record that is damaged.
+    pub fn state(&self, unit: Unit) -> Result<State> {
+        record::state(&self.folder_of(unit), &self.made_from(unit))
+    }
+
+    /// The finished runs but this one.
+    fn sisters(&self, unit: Unit) -> Result<Vec<Sister>> {
+        let mut sisters = Vec::new();
+        for row in (0..self.table.rows.len()).filter(|&row| row != unit.row) {
+            let other = Unit { row, check: false };
+            if let State::Done(record) = self.state(other)? {
+                let far = start::distance(&self.places[row], &self.places[unit.row]);
+                sisters.push(Sister { record: *record, case: self.folder_of(other).join("case"), far });
+            }
+        }
+        Ok(sisters)
+    }
+}

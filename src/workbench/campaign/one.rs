@@ -1,0 +1,241 @@
+//! One run, from a copy of the case to the file that says that it is done.
+
+use super::case::{self, AVERAGES, last_time};
+use super::record::{self, Cost, DONE, FAILED, Failure, Figure, Record, Started, State};
+use super::settings::Statistic;
+use super::start;
+use super::{Campaign, Unit};
+use crate::check::copy::{names, time};
+use crate::compare::surrogate;
+use crate::generate::case::program;
+use crate::generate::process::Surroundings;
+use m4gn_base::{Error, Result, files, lock};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::time::Instant;
+
+/// A run that is there.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// What it left.
+    pub record: Record,
+    /// Whether it was there before.
+    pub before: bool,
+}
+
+/// Makes a run, unless it is there. One at a time has its folder: another one waits, and finds it done. `anew`: a run that was made from other
+/// contents is made again. `say` is told whom it waits for.
+///
+/// # Errors
+/// [`Error::File`] naming what a finished run was made from that is another now; what fails, which is kept as the file `failed`;
+/// [`Error::Interrupted`] when the user stops. No half run counts as one.
+pub fn one(
+    campaign: &Campaign,
+    unit: Unit,
+    anew: bool,
+    tools: &Surroundings,
+    say: &mut dyn FnMut(&str),
+) -> Result<Outcome> {
+    campaign.settings.check_quantities(&campaign.folder)?;
+    let folder = campaign.folder_of(unit);
+    let mut told = false;
+    let _lock = lock::folder_in_turn(&folder, |held| {
+        if !std::mem::replace(&mut told, true) {
+            say(&format!("waiting: {held}"));
+        }
+        match tools.stopped() {
+            true => Err(Error::Interrupted("stopped by the user".into())),
+            false => Ok(()),
+        }
+    })?;
+    match record::state(&folder, &campaign.made_from(unit))? {
+        State::Done(record) => return Ok(Outcome { record: *record, before: true }),
+        State::Stale(what) if !anew => return Err(stale(&folder, &what)),
+        _ => {}
+    }
+    for name in [DONE, FAILED] {
+        let path = folder.join(name);
+        if path.exists() {
+            fs::remove_file(&path).map_err(|e| Error::file(&path, format!("cannot be removed: {e}")))?;
+        }
+    }
+    let made = make(campaign, unit, &folder.join("case"), tools);
+    match made {
+        Ok(record) => {
+            record::write(&folder.join(DONE), &record)?;
+            Ok(Outcome { record, before: false })
+        }
+        Err(Error::Interrupted(e)) => Err(Error::Interrupted(e)),
+        Err(e) => {
+            let failure = Failure { message: e.to_string(), made_from: campaign.made_from(unit) };
+            record::write(&folder.join(FAILED), &failure)?;
+            Err(e)
+        }
+    }
+}
+
+/// What is said of a run that was made from other contents.
+pub(super) fn stale(folder: &Path, what: &str) -> Error {
+    Error::file(
+        folder,
+        format!(
+            "was made with another content of: {what}. Expected the same content; take back the change, or make the run again with --anew"
+        ),
+    )
+}
+
+fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> Result<Record> {
+    let (settings, source, row) = (&campaign.settings, &campaign.source, &campaign.table.rows[unit.row]);
+    let begin = Instant::now();
+    let mut clock = Clock::new()?;
+    if case.exists() {
+        fs::remove_dir_all(case).map_err(|e| Error::file(case, format!("cannot be replaced: {e}")))?;
+    }
+    let limit = |done: Result<()>| match done {
+        Err(Error::File { path, message }) => {
+            Err(Error::file(path, message.replace("--timeout", "time_limit of campaign.toml")))
+        }
+        done => done,
+    };
+    source.copy(case, settings, &case::parameters(&campaign.table, row), unit.check, tools)?;
+    settings.prepare.iter().try_for_each(|command| limit(tools.run(case, command)))?;
+    let mut cost = Cost { prepare: clock.lap()?, ..Cost::default() };
+
+    let started = match unit.check {
+        true => Started { kind: "cold".into(), ..Started::default() },
+        false => {
+            let place =
+                settings.scale.as_ref().and_then(|s| campaign.table.parameters.iter().position(|p| p == s));
+            let scale = place.map(|i| (campaign.table.parameters[i].as_str(), row.values[i].as_str()));
+            start::make(settings.start, case, campaign.sisters(unit)?, scale, tools)?
+        }
+    };
+    let mut solver = settings.solver.clone();
+    if settings.ranks > 1 {
+        limit(tools.run(case, &["decomposePar", "-force"]))?;
+        let mpirun = ["mpirun".into(), "-np".into(), settings.ranks.to_string()];
+        solver = mpirun.into_iter().chain(solver).chain(["-parallel".to_string()]).collect();
+    }
+    cost.start = clock.lap()?;
+    limit(tools.run(case, &solver))?;
+    cost.solver = clock.lap()?;
+    if settings.ranks > 1 {
+        limit(tools.run(case, &["reconstructPar", "-latestTime"]))?;
+        for name in names(case)?.iter().filter(|n| n.starts_with("processor")) {
+            let _ = fs::remove_dir_all(case.join(name));
+        }
+        cost.start += clock.lap()?;
+    }
+
+    let log = case.join(format!("log.{}", program(&solver)));
+    let Some((last, end_time)) = last_time(case, source.start)? else {
+        return Err(Error::file(
+            &log,
+            format!("expected fields behind time {} from the run, found none", source.start),
+        ));
+    };
+    let quantities = figures(campaign, case, &log)?;
+    if let Some(found) = surrogate::read(case)? {
+        cost.surrogate = ["surrogate_seconds", "hand_over_seconds"]
+            .iter()
+            .filter_map(|key| found.summary[*key].as_f64())
+            .sum();
+    }
+    cost.wall = begin.elapsed().as_secs_f64();
+    Ok(Record {
+        case_name: row.name.clone(),
+        parameters: campaign.table.parameters.iter().cloned().zip(row.values.iter().cloned()).collect(),
+        start: started,
+        quantities,
+        end_time,
+        last,
+        cost,
+        made_from: campaign.made_from(unit),
+    })
+}
+
+/// What the last check of our m4gnAverages said.
+fn figures(campaign: &Campaign, case: &Path, log: &Path) -> Result<BTreeMap<String, Figure>> {
+    let folder = case.join("postProcessing").join(AVERAGES);
+    let latest = names(&folder)
+        .unwrap_or_default()
+        .into_iter()
+        .filter_map(|n| time(&n).map(|t| (n, t)))
+        .max_by(|a, b| a.1.total_cmp(&b.1));
+    let path = folder.join(latest.map_or(String::new(), |(n, _)| n)).join("averages.json");
+    let text = files::read_text(&path).map_err(|e| {
+        Error::file(
+            &path,
+            format!(
+                "cannot be read: {e}; expected figures of m4gnAverages; {} says why there are none",
+                log.display()
+            ),
+        )
+    })?;
+    let all: Value = serde_json::from_str(&text).map_err(|e| Error::file(&path, e.to_string()))?;
+    let mut figures = BTreeMap::new();
+    for q in &campaign.settings.quantity {
+        let of = |key: &str| all[&q.name][key].as_f64().filter(|v| v.is_finite());
+        let found = match q.statistic {
+            Statistic::Mean => of("mean").zip(of("half_width")),
+            Statistic::Rms => of("rms").zip(of("rms_half_width")),
+        };
+        let Some((value, half_width)) = found else {
+            return Err(Error::Numerical(format!(
+                "{} has no finite figure of {} in {}: the run diverged, or had fewer than 16 time steps; expected a run whose series has a variance",
+                log.display(),
+                q.name,
+                path.display()
+            )));
+        };
+        let asked = q.tolerance.or(q.relative).is_some();
+        figures.insert(
+            q.name.clone(),
+            Figure { value, half_width, known: asked.then(|| all[&q.name]["settled"] == true) },
+        );
+    }
+    Ok(figures)
+}
+
+/// Processor time of this process and of all that it has waited for.
+struct Clock(f64);
+
+impl Clock {
+    fn new() -> Result<Self> {
+        processor_seconds().map(Clock)
+    }
+
+    /// Since the last one, s.
+    fn lap(&mut self) -> Result<f64> {
+        let now = processor_seconds()?;
+        let since = now - self.0;
+        self.0 = now;
+        Ok((since * 100.0).round() / 100.0)
+    }
+}
+
+/// `utime`, `stime`, `cutime` and `cstime` of proc(5), which are in hundredths of a second.
+fn processor_seconds() -> Result<f64> {
+    let path = Path::new("/proc/self/stat");
+    let text = files::read_text(path).map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
+    // The name of the program, in brackets, may have blanks.
+    let words = text.rsplit(')').next().unwrap_or("").split_whitespace();
+    Ok(words.skip(11).take(4).filter_map(|w| w.parse::<f64>().ok()).sum::<f64>() / 100.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_programs_take_is_counted() {
+        let mut clock = Clock::new().unwrap();
+        let busy = "i=0; while [ $i -lt 100000 ]; do i=$((i + 1)); done";
+        std::process::Command::new("sh").args(["-c", busy]).status().unwrap();
+        let first = clock.lap().unwrap();
+        assert!(first > 0.0, "{first}");
+        assert!(clock.lap().unwrap() <= first);
+    }
+}

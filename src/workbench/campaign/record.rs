@@ -1,0 +1,195 @@
+//! What a run leaves: a file that is written last, whole.
+
+use super::case::MadeFrom;
+use m4gn_base::{Error, Result, files};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Of a run that is finished, in its folder.
+pub const DONE: &str = "done";
+/// Of a run that failed.
+pub const FAILED: &str = "failed";
+
+/// A finished run.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct Record {
+    /// Name of the run.
+    pub case_name: String,
+    /// Its parameters.
+    pub parameters: BTreeMap<String, String>,
+    /// What it started from.
+    pub start: Started,
+    /// Each figure.
+    pub quantities: BTreeMap<String, Figure>,
+    /// Time of its last state, s.
+    pub end_time: f64,
+    /// Name of that state's folder in the run's case.
+    pub last: String,
+    /// What it took.
+    pub cost: Cost,
+    /// All that it was made from.
+    pub made_from: MadeFrom,
+}
+
+/// What a run started from.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
+pub struct Started {
+    /// `cold` or `nearest`.
+    pub kind: String,
+    /// The run whose last state it was.
+    pub sister: Option<String>,
+    /// Ratio of velocities by which it was scaled.
+    pub ratio: Option<f64>,
+    /// Whether it was mapped onto another mesh.
+    pub mapped: bool,
+    /// Why it was not what was asked for.
+    pub note: Option<String>,
+}
+
+impl std::fmt::Display for Started {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match &self.sister {
+            None => write!(f, "{}", self.kind),
+            Some(sister) => write!(f, "{} {sister}", self.kind),
+        }?;
+        self.ratio.map_or(Ok(()), |ratio| write!(f, " x {}", m4gn_report::number(ratio, 3)))?;
+        if self.mapped { write!(f, ", mapped") } else { Ok(()) }
+    }
+}
+
+/// A figure with its interval.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+pub struct Figure {
+    /// Mean or rms.
+    pub value: f64,
+    /// Half-width of its confidence interval.
+    pub half_width: f64,
+    /// Whether it is within its tolerance; none: it has none.
+    pub known: Option<bool>,
+}
+
+/// Processor seconds of all programs of a run, and the wall time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
+pub struct Cost {
+    /// Of the mesh and the first fields.
+    pub prepare: f64,
+    /// Of mapping a sister's state, and of decomposing and reconstructing.
+    pub start: f64,
+    /// Of the solver with all that rides in it.
+    pub solver: f64,
+    /// Of these, those of the surrogate's strides and of handing states over (wall time).
+    pub surrogate: f64,
+    /// Wall time of everything, s.
+    pub wall: f64,
+}
+
+impl Cost {
+    /// Processor seconds of everything.
+    pub fn total(&self) -> f64 {
+        self.prepare + self.start + self.solver
+    }
+}
+
+/// Why a run failed.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct Failure {
+    /// In one paragraph.
+    pub message: String,
+    /// All that it was made from.
+    pub made_from: MadeFrom,
+}
+
+/// What a run's folder says.
+#[derive(Clone, Debug)]
+pub enum State {
+    /// Nothing, or half of a run.
+    Missing,
+    /// It is finished, and made from what is there now.
+    Done(Box<Record>),
+    /// It failed, with what is there now.
+    Failed(String),
+    /// It is finished, and made from something else, which is named.
+    Stale(String),
+}
+
+/// What `folder` says of a run that would now be made from `now`.
+///
+/// # Errors
+/// [`Error::File`] for a record that is damaged.
+pub fn state(folder: &Path, now: &MadeFrom) -> Result<State> {
+    if let Some(record) = read::<Record>(&folder.join(DONE))? {
+        return Ok(match record.made_from.differs(now) {
+            None => State::Done(Box::new(record)),
+            Some(what) => State::Stale(what),
+        });
+    }
+    Ok(match read::<Failure>(&folder.join(FAILED))? {
+        Some(failure) if failure.made_from.differs(now).is_none() => State::Failed(failure.message),
+        _ => State::Missing,
+    })
+}
+
+fn read<T: DeserializeOwned>(path: &Path) -> Result<Option<T>> {
+    if !path.exists() {
+        return Ok(None);
+    }
+    let damaged = |e: &dyn std::fmt::Display| {
+        Error::file(
+            path,
+            format!("is not what 'm4gn campaign' wrote: {e}; remove it, and the run is made again"),
+        )
+    };
+    let text = files::read_text(path).map_err(|e| damaged(&e))?;
+    serde_json::from_str(&text).map(Some).map_err(|e| damaged(&e))
+}
+
+/// Writes a record, whole.
+///
+/// # Errors
+/// [`Error::File`] where it cannot be written.
+pub fn write(path: &Path, record: &impl Serialize) -> Result<()> {
+    let text = serde_json::to_string_pretty(record).map_err(|e| Error::Internal(e.to_string()))?;
+    files::write_whole(path, format!("{text}\n").as_bytes())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_is_of_what_it_was_made_from() {
+        let dir = tempfile::tempdir().unwrap();
+        let of = |u: &str| {
+            MadeFrom([("case 0/U".to_string(), u.to_string()), ("solver".into(), "s".into())].into())
+        };
+        let is = |now: &MadeFrom| format!("{:?}", state(dir.path(), now).unwrap());
+        assert_eq!(is(&of("1")), "Missing");
+        write(&dir.path().join(FAILED), &Failure { message: "diverged".into(), made_from: of("1") }).unwrap();
+        assert_eq!((is(&of("1")), is(&of("2"))), ("Failed(\"diverged\")".into(), "Missing".into()));
+        let record = Record {
+            case_name: "a".into(),
+            parameters: [("U".to_string(), "1".to_string())].into(),
+            start: Started {
+                kind: "nearest".into(),
+                sister: Some("b".into()),
+                ratio: Some(1.25),
+                mapped: true,
+                note: None,
+            },
+            quantities: BTreeMap::new(),
+            end_time: 2.0,
+            last: "2".into(),
+            cost: Cost::default(),
+            made_from: of("1"),
+        };
+        assert_eq!(record.start.to_string(), "nearest b x 1.25, mapped");
+        write(&dir.path().join(DONE), &record).unwrap();
+        assert!(is(&of("1")).starts_with("Done"));
+        assert_eq!(is(&of("2")), "Stale(\"case 0/U\")");
+        std::fs::write(dir.path().join(DONE), "{").unwrap();
+        let message = state(dir.path(), &of("1")).unwrap_err().to_string();
+        assert!(message.contains("done: is not what 'm4gn campaign' wrote"), "{message}");
+    }
+}

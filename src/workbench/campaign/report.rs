@@ -1,0 +1,290 @@
+//! What came of a campaign: a table of all figures, and a page.
+
+use super::record::{Figure, Record, State};
+use super::table::{csv_text, number as as_number};
+use super::{Campaign, Unit};
+use m4gn_base::{Result, files};
+use m4gn_report::chart::{Axis, BLUE, ORANGE};
+use m4gn_report::{Chart, Page, Series, Table, number};
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+/// What was written.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// The table of all figures.
+    pub csv: PathBuf,
+    /// The page.
+    pub html: PathBuf,
+    /// Runs that are there, and all.
+    pub there: (usize, usize),
+    /// What a reader should know.
+    pub notes: Vec<String>,
+}
+
+/// A run and what it left.
+struct Run {
+    name: String,
+    unit: Unit,
+    record: Record,
+}
+
+/// Writes `results.csv` and `report.html` of the runs that are there.
+///
+/// # Errors
+/// [`m4gn_base::Error::File`] for a record that is damaged, and where a file cannot be written.
+pub fn report(campaign: &Campaign) -> Result<Report> {
+    let (mut runs, mut notes) = (Vec::new(), Vec::new());
+    let mut units = campaign.units();
+    units.sort_by_key(|u| (u.row, u.check));
+    for &unit in &units {
+        let name = campaign.name(unit);
+        match campaign.state(unit)? {
+            State::Done(record) => {
+                let unknown: Vec<&str> = record
+                    .quantities
+                    .iter()
+                    .filter(|(_, f)| f.known == Some(false))
+                    .map(|(n, _)| n.as_str())
+                    .collect();
+                if !unknown.is_empty() {
+                    notes.push(format!(
+                        "{name}: {} not known within the tolerance at the end",
+                        unknown.join(", ")
+                    ));
+                }
+                notes.extend(record.start.note.iter().map(|note| format!("{name}: {note}")));
+                runs.push(Run { name, unit, record: *record });
+            }
+            State::Stale(what) => {
+                notes.push(format!("{name} is left out, as it was made with another content of: {what}"))
+            }
+            State::Failed(why) => notes.push(format!("{name} failed: {why}")),
+            State::Missing => {}
+        }
+    }
+    let (csv, html) = (campaign.folder.join("results.csv"), campaign.folder.join("report.html"));
+    files::write_whole(&csv, results(campaign, &runs)?.as_bytes())?;
+    let compared = compared(&runs);
+    notes.extend(compared.iter().filter(|c| !c.holds).map(|c| {
+        format!(
+            "{} of {}: the run and its check differ by {}, more than their intervals",
+            c.quantity,
+            c.run,
+            number(c.difference, 3)
+        )
+    }));
+    page(campaign, &runs, &compared, &notes, units.len())?.write(&html)?;
+    Ok(Report { csv, html, there: (runs.len(), units.len()), notes })
+}
+
+/// A row for each run and figure.
+fn results(campaign: &Campaign, runs: &[Run]) -> Result<String> {
+    let parameters = &campaign.table.parameters;
+    let columns =
+        ["quantity", "value", "half_width", "known", "start", "solver_s", "surrogate_s", "end_time"];
+    let header = ["case_name"].into_iter().chain(parameters.iter().map(String::as_str)).chain(columns);
+    let mut rows = vec![header.map(String::from).collect::<Vec<_>>()];
+    for Run { unit, record: r, .. } in runs {
+        let start = if unit.check { "check".into() } else { r.start.to_string() };
+        for (quantity, figure) in &r.quantities {
+            let known = figure.known.map_or(String::new(), |k| k.to_string());
+            let mut row = vec![r.case_name.clone()];
+            row.extend(campaign.table.rows[unit.row].values.iter().cloned());
+            row.extend([
+                quantity.clone(),
+                figure.value.to_string(),
+                figure.half_width.to_string(),
+                known,
+                start.clone(),
+            ]);
+            row.extend([r.cost.solver, r.cost.surrogate, r.end_time].map(|v| v.to_string()));
+            rows.push(row);
+        }
+    }
+    csv_text(rows)
+}
+
+/// A figure of a run beside that of its check.
+struct Compared {
+    run: String,
+    quantity: String,
+    own: Figure,
+    check: Figure,
+    difference: f64,
+    holds: bool,
+}
+
+fn compared(runs: &[Run]) -> Vec<Compared> {
+    let mut found = Vec::new();
+    for check in runs.iter().filter(|r| r.unit.check) {
+        let Some(own) = runs.iter().find(|r| !r.unit.check && r.unit.row == check.unit.row) else { continue };
+        for (quantity, &figure) in &own.record.quantities {
+            let Some(&of_check) = check.record.quantities.get(quantity) else { continue };
+            let difference = (figure.value - of_check.value).abs();
+            let holds = difference <= figure.half_width.hypot(of_check.half_width);
+            found.push(Compared {
+                run: own.name.clone(),
+                quantity: quantity.clone(),
+                own: figure,
+                check: of_check,
+                difference,
+                holds,
+            });
+        }
+    }
+    found
+}
+
+fn page(
+    campaign: &Campaign,
+    runs: &[Run],
+    compared: &[Compared],
+    notes: &[String],
+    all: usize,
+) -> Result<Page> {
+    let case = campaign.settings.case.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut page = Page::new(&format!("Campaign of {case}"));
+    let sum = |of: &dyn Fn(&Run) -> f64| -> f64 { runs.iter().map(of).sum() };
+    let total = |check: bool| sum(&|r| if r.unit.check == check { r.record.cost.total() } else { 0.0 });
+    page.paragraph(&format!(
+        "{} of {all} runs are there. They took {} s of processor time, their checks {} s.",
+        runs.len(),
+        number(total(false), 4),
+        number(total(true), 4)
+    ));
+    if !notes.is_empty() {
+        page.listing(&notes.join("\n"));
+    }
+    page.heading("Response");
+    let percent = 100.0 * campaign.settings.confidence;
+    for quantity in &campaign.settings.quantity {
+        for (i, parameter) in campaign.table.parameters.iter().enumerate() {
+            if let Some(chart) = response(campaign, runs, &quantity.name, i) {
+                page.svg(
+                    &chart.svg()?,
+                    &format!("{} over {parameter}: values with their {percent} % intervals.", quantity.name),
+                );
+            }
+        }
+    }
+    if !compared.is_empty() {
+        page.heading("Checks");
+        page.paragraph(
+            "Runs that were made twice: as all others, and cold and plain and to the end. A figure holds where both differ by no more than the \
+             root of the sum of the squares of their half-widths.",
+        );
+        let mut table = Table::new(["run", "quantity", "value", "check", "difference", "holds"]);
+        for c in compared {
+            let shown = |f: Figure| m4gn_averages::with_half_width(f.value, f.half_width);
+            let holds = if c.holds { "yes" } else { "no" };
+            table.row([
+                c.run.clone(),
+                c.quantity.clone(),
+                shown(c.own),
+                shown(c.check),
+                number(c.difference, 3),
+                holds.into(),
+            ]);
+        }
+        page.table(&table);
+    }
+    page.heading("Cost");
+    page.paragraph("Processor seconds. Of those of the solver, the surrogate's strides and hand-overs stand beside them.");
+    page.table(&cost(campaign, runs));
+    Ok(page)
+}
+
+/// A figure over a parameter, a dot and a bar a run; none where no run has it, or the parameter is a word or always the same.
+fn response(campaign: &Campaign, runs: &[Run], quantity: &str, parameter: usize) -> Option<Chart> {
+    let points = |check: bool| -> Vec<(f64, Figure)> {
+        let of = |r: &Run| {
+            let x = as_number(&campaign.table.rows[r.unit.row].values[parameter])?;
+            Some((x, *r.record.quantities.get(quantity)?))
+        };
+        runs.iter().filter(|r| r.unit.check == check).filter_map(of).collect()
+    };
+    let mut series = Vec::new();
+    let mut places = BTreeSet::new();
+    for (name, check, colour) in [("runs", false, BLUE), ("checks", true, ORANGE)] {
+        let mut all = points(check);
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        if all.is_empty() {
+            continue;
+        }
+        places.extend(all.iter().map(|(x, _)| x.to_bits()));
+        let (x, y): (Vec<f64>, Vec<f64>) = all.iter().map(|(x, f)| (*x, f.value)).unzip();
+        series.push(Series { dots: true, ..Series::new(name, &x, &y, colour) });
+        // A point that is none ends each bar
+        let bars = all.iter().flat_map(|(x, f)| {
+            [(*x, f.value - f.half_width), (*x, f.value + f.half_width), (f64::NAN, f64::NAN)]
+        });
+        series.push(Series {
+            points: bars.collect(),
+            ..Series::new(&format!("interval of {name}"), &[], &[], colour)
+        });
+    }
+    (places.len() > 1).then(|| Chart {
+        x_label: campaign.table.parameters[parameter].clone(),
+        y_label: quantity.into(),
+        series,
+        axis: Axis::Range,
+    })
+}
+
+fn cost(campaign: &Campaign, runs: &[Run]) -> Table {
+    let own = ["start", "end time [s]", "prepare", "start [s]", "solver", "of it surrogate", "wall [s]"];
+    let parameters = campaign.table.parameters.iter().map(String::as_str);
+    let mut table = Table::new(["run"].into_iter().chain(parameters).chain(own));
+    for Run { name, unit, record: r } in runs {
+        let c = &r.cost;
+        let mut row = vec![name.clone()];
+        row.extend(campaign.table.rows[unit.row].values.iter().cloned());
+        row.push(r.start.to_string());
+        row.extend([r.end_time, c.prepare, c.start, c.solver, c.surrogate, c.wall].map(|v| number(v, 3)));
+        table.row(row);
+    }
+    let mut sum = vec!["all".to_string()];
+    sum.extend(campaign.table.parameters.iter().map(|_| String::new()));
+    sum.extend(["".to_string(), "".to_string()]);
+    let total =
+        |of: fn(&super::record::Cost) -> f64| number(runs.iter().map(|r| of(&r.record.cost)).sum(), 3);
+    sum.extend([
+        total(|c| c.prepare),
+        total(|c| c.start),
+        total(|c| c.solver),
+        total(|c| c.surrogate),
+        total(|c| c.wall),
+    ]);
+    table.row(sum);
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::campaign::record::{Cost, Started};
+
+    fn run(name: &str, check: bool, value: f64) -> Run {
+        let figure = Figure { value, half_width: 0.3, known: Some(true) };
+        let record = Record {
+            case_name: name.into(),
+            parameters: Default::default(),
+            start: Started::default(),
+            quantities: [("Cd".to_string(), figure)].into(),
+            end_time: 1.0,
+            last: "1".into(),
+            cost: Cost::default(),
+            made_from: Default::default(),
+        };
+        Run { name: name.into(), unit: Unit { row: 0, check }, record }
+    }
+
+    #[test]
+    fn a_run_that_is_off_its_check_by_more_than_both_intervals_is_told() {
+        let of = |value: f64| compared(&[run("a", false, 2.0), run("a", true, value)]).pop().unwrap();
+        assert!(of(2.4).holds && !of(2.45).holds);
+        assert!((of(2.45).difference - 0.45).abs() < 1e-12);
+        assert!(compared(&[run("a", true, 1.0)]).is_empty(), "the run itself is not there yet");
+    }
+}

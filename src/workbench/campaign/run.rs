@@ -1,0 +1,259 @@
+//! All runs that are missing, each in a process of its own, and what there is of a campaign.
+
+use super::record::{FAILED, Record, State};
+use super::settings::FILE;
+use super::{Campaign, Unit, one, table};
+use crate::generate::process::Surroundings;
+use crate::generate::queue::in_parallel;
+use m4gn_base::{Error, Result, lock, refuse};
+use m4gn_report::{Table, number};
+use std::path::Path;
+use std::time::Instant;
+
+/// What `m4gn campaign run` is asked for.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Order {
+    /// Runs at once; none: what `campaign.toml` says.
+    pub jobs: Option<usize>,
+    /// Part i of n of the runs, i from 1.
+    pub shard: Option<(usize, usize)>,
+    /// Make runs of other contents again.
+    pub anew: bool,
+    /// Make runs that failed again.
+    pub retry: bool,
+}
+
+/// What became of a run.
+enum Ended {
+    Done(Box<Record>),
+    Failed(String),
+    /// Another program makes it.
+    Held,
+}
+
+/// Makes the runs that are missing, spread over the parameters first. Returns how many are not there in the end, and how many were asked for.
+///
+/// Each is a process `m4gn campaign one`; runs that another program makes are waited for at the end. `say` is told of each as it ends.
+///
+/// # Errors
+/// [`Error::File`] naming runs that were made from other contents, before anything is run; [`Error::Interrupted`] when the user stops. Runs that
+/// fail are told, and the others go on.
+pub fn run(
+    campaign: &Campaign,
+    order: Order,
+    tools: &Surroundings,
+    say: &mut dyn FnMut(&str),
+) -> Result<(usize, usize)> {
+    campaign.settings.check_quantities(&campaign.folder)?;
+    let all = shard(campaign.units(), order.shard)?;
+    let (mut missing, mut stale, mut failed) = (Vec::new(), Vec::new(), 0);
+    for &unit in &all {
+        match campaign.state(unit)? {
+            State::Done(_) => {}
+            State::Stale(what) if !order.anew => stale.push((unit, what)),
+            State::Failed(why) if !order.retry => {
+                failed += 1;
+                let file = campaign.folder_of(unit).join(FAILED);
+                say(&format!(
+                    "{} failed before, and is not made again without --retry or {}: {why}",
+                    campaign.name(unit),
+                    file.display()
+                ));
+            }
+            _ => missing.push(unit),
+        }
+    }
+    if let Some((first, what)) = stale.first() {
+        let names: Vec<String> = stale.iter().take(8).map(|(unit, _)| campaign.name(*unit)).collect();
+        let more = if stale.len() > names.len() {
+            format!(" and {} more", stale.len() - names.len())
+        } else {
+            String::new()
+        };
+        let error = one::stale(&campaign.folder_of(*first), what);
+        return Err(Error::Input(format!(
+            "{} of {} runs are of other contents ({}{more}), such as {error}",
+            stale.len(),
+            all.len(),
+            names.join(", ")
+        )));
+    }
+    say(&format!(
+        "{} of {} runs are there, {} to make",
+        all.len() - missing.len() - failed,
+        all.len(),
+        missing.len()
+    ));
+    let (mut ended_runs, since) = (0, Instant::now());
+    let jobs = order.jobs.unwrap_or(campaign.settings.jobs);
+    let mut held = Vec::new();
+    for waits in [false, true] {
+        let units = if waits { std::mem::take(&mut held) } else { missing.clone() };
+        let work = |i: usize| match made(campaign, units[i], order.anew, waits, tools) {
+            Err(Error::Interrupted(_)) => None,
+            Err(e) => Some(Ended::Failed(e.to_string())),
+            Ok(ended) => Some(ended),
+        };
+        in_parallel((jobs, units.len()), tools, work, |i, ended| {
+            let text = match ended {
+                Ended::Held => return held.push(units[i]),
+                Ended::Done(record) => line(&record),
+                Ended::Failed(why) => {
+                    failed += 1;
+                    format!("failed: {why}")
+                }
+            };
+            ended_runs += 1;
+            let (done, count) = (ended_runs, missing.len());
+            let left = since.elapsed().as_secs_f64() / done as f64 * (count - done) as f64;
+            let left = if count > done { format!("; {} left", duration(left)) } else { String::new() };
+            say(&format!("{done}/{count} {}{text}{left}", called(campaign, units[i])));
+        });
+        if tools.stopped() {
+            return Err(Error::Interrupted(
+                "stopped by the user; the same command goes on with what is missing".into(),
+            ));
+        }
+    }
+    Ok((failed, all.len()))
+}
+
+/// Part i of n in the order of the runs.
+fn shard(units: Vec<Unit>, shard: Option<(usize, usize)>) -> Result<Vec<Unit>> {
+    let (part, of) = shard.unwrap_or((1, 1));
+    refuse(part == 0 || part > of, Error::Input, || {
+        format!("--shard {part}/{of}: expected i/n with i from 1 to n")
+    })?;
+    Ok(units.into_iter().enumerate().filter(|(i, _)| i % of == part - 1).map(|(_, unit)| unit).collect())
+}
+
+/// Makes one run in a process of its own.
+fn made(campaign: &Campaign, unit: Unit, anew: bool, waits: bool, tools: &Surroundings) -> Result<Ended> {
+    let folder = campaign.folder_of(unit);
+    // Another program that works there keeps it until it is done
+    match lock::folder(&folder) {
+        Ok(lock) => drop(lock),
+        Err(_) if folder.is_dir() && !waits => return Ok(Ended::Held),
+        Err(_) if waits => {}
+        Err(e) => return Err(e),
+    }
+    let program =
+        std::env::current_exe().map_err(|e| Error::Input(format!("this program is not found: {e}")))?;
+    let mut command = vec![
+        program.display().to_string(),
+        "campaign".into(),
+        "one".into(),
+        campaign.table.rows[unit.row].name.clone(),
+    ];
+    command.extend(["--store".into(), campaign.folder.display().to_string()]);
+    command.extend(unit.check.then(|| "--check".into()));
+    command.extend(anew.then(|| "--anew".into()));
+    // A program that is stopped here stops its own; its limit is that of each of its programs
+    let tools = Surroundings { asks: true, timeout: std::time::Duration::MAX, ..tools.clone() };
+    let done = tools.run(&folder, &command);
+    match (done, campaign.state(unit)?) {
+        (Err(Error::Interrupted(e)), _) => Err(Error::Interrupted(e)),
+        (_, State::Done(record)) => Ok(Ended::Done(record)),
+        (_, State::Failed(why)) => Ok(Ended::Failed(why)),
+        (Err(e), _) => Err(e),
+        (Ok(()), _) => Err(Error::file(
+            &folder,
+            format!(
+                "is not there: {FILE}, {} or the case was changed meanwhile; expected no change while runs are made",
+                table::FILE
+            ),
+        )),
+    }
+}
+
+/// A run's name and parameters.
+fn called(campaign: &Campaign, unit: Unit) -> String {
+    let row = &campaign.table.rows[unit.row];
+    let parameters = campaign.table.parameters.iter().zip(&row.values).map(|(p, v)| format!("{p} {v}"));
+    format!("{} ({}): ", campaign.name(unit), parameters.collect::<Vec<_>>().join(", "))
+}
+
+/// What there is to say of a run that is done.
+pub fn line(record: &Record) -> String {
+    let figures = record.quantities.iter().map(|(name, f)| {
+        let unknown = if f.known == Some(false) { " (not known)" } else { "" };
+        format!("{name} {}{unknown}", m4gn_averages::with_half_width(f.value, f.half_width))
+    });
+    let note = record.start.note.as_ref().map_or(String::new(), |n| format!(" ({n})"));
+    format!(
+        "{}, from {}{note}, to {} s, {} s of processor time",
+        figures.collect::<Vec<_>>().join(", "),
+        record.start,
+        number(record.end_time, 4),
+        number(record.cost.total(), 3)
+    )
+}
+
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 100.0 => format!("{s:.0} s"),
+        s if s < 6000.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}
+
+/// A line for each run, and how many are there.
+///
+/// # Errors
+/// [`Error::File`] for a record that is damaged.
+pub fn status(campaign: &Campaign) -> Result<(Table, usize)> {
+    let mut table = Table::new(["run", "state", "start", "end [s]", "processor [s]"]);
+    let mut there = 0;
+    for unit in campaign.units() {
+        let folder = campaign.folder_of(unit);
+        let (state, record) = match campaign.state(unit)? {
+            State::Done(record) => ("done".into(), Some(record)),
+            _ if holder(&folder).is_some() => {
+                (format!("is made by {}", holder(&folder).unwrap_or_default()), None)
+            }
+            State::Missing => ("to make".into(), None),
+            State::Failed(why) => (format!("failed: {why}"), None),
+            State::Stale(what) => (format!("of another content of: {what}"), None),
+        };
+        there += usize::from(record.is_some());
+        let of = |f: &dyn Fn(&Record) -> String| record.as_deref().map_or(String::new(), f);
+        table.row([
+            campaign.name(unit),
+            state,
+            of(&|r| r.start.to_string()),
+            of(&|r| number(r.end_time, 4)),
+            of(&|r| number(r.cost.total(), 3)),
+        ]);
+    }
+    Ok((table, there))
+}
+
+/// Who makes a run at present.
+fn holder(folder: &Path) -> Option<String> {
+    if !folder.is_dir() {
+        return None;
+    }
+    let held = lock::folder(folder).err()?.to_string();
+    let (_, who) = held.split_once("is being written by ")?;
+    who.split(" (").next().map(String::from)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shards_share_the_runs() {
+        let all: Vec<Unit> = (0..7).map(|row| Unit { row, check: false }).collect();
+        let part = |i: usize| shard(all.clone(), Some((i, 3))).unwrap();
+        assert_eq!(part(2).iter().map(|u| u.row).collect::<Vec<_>>(), [1, 4]);
+        assert_eq!((1..=3).map(|i| part(i).len()).sum::<usize>(), 7);
+        assert_eq!(shard(all.clone(), None).unwrap(), all);
+        assert!(shard(all.clone(), Some((0, 3))).is_err() && shard(all, Some((4, 3))).is_err());
+    }
+
+    #[test]
+    fn times_are_told_in_units_that_fit() {
+        assert_eq!([9.6, 125.0, 9000.0].map(duration), ["10 s", "2 min", "2.5 h"]);
+    }
+}

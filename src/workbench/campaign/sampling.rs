@@ -1,0 +1,258 @@
+//! Which values the parameters of a campaign's runs have, and in which order runs are made.
+
+use super::table::{Row, Table, check_names};
+use m4gn_base::{Error, Result, refuse};
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// Most runs of a campaign.
+const MOST: usize = 100_000;
+
+/// How values are chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// The i-th run has the i-th value of each list.
+    List,
+    /// Every value with every other one; of a range, as many values as runs are asked for, both ends among them.
+    Grid,
+    /// Owen-scrambled Sobol points.
+    Sobol,
+    /// A Latin hypercube: each parameter has one value in each of as many equal parts of its range as there are runs.
+    LatinHypercube,
+}
+
+/// The values that a parameter may have.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Values {
+    /// Between these.
+    Range([f64; 2]),
+    /// These.
+    List(Vec<String>),
+}
+
+/// A parameter of a campaign that is to be made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameter {
+    /// Its name in the case, without the `$`.
+    pub name: String,
+    /// What it may be.
+    pub values: Values,
+}
+
+impl std::str::FromStr for Parameter {
+    type Err = Error;
+
+    /// `NAME=LOW:HIGH` or `NAME=VALUE,VALUE,...`
+    fn from_str(text: &str) -> Result<Self> {
+        let wrong = || {
+            Error::Input(format!(
+                "'{text}': expected NAME=LOW:HIGH with the lower number first, or NAME=VALUE,VALUE,..."
+            ))
+        };
+        let (name, values) = text.split_once('=').ok_or_else(wrong)?;
+        let number = |t: &str| super::table::number(t.trim()).ok_or_else(wrong);
+        let values = match values.split_once(':') {
+            Some((low, high)) => Values::Range([number(low)?, number(high)?]),
+            None => Values::List(values.split(',').map(|v| v.trim().to_string()).collect()),
+        };
+        let empty = match &values {
+            Values::Range([low, high]) => low >= high,
+            Values::List(values) => values.iter().any(String::is_empty),
+        };
+        refuse(empty, |_| wrong(), || "")?;
+        Ok(Parameter { name: name.trim().to_string(), values })
+    }
+}
+
+/// The runs of a campaign. No method: a grid of lists, Sobol points where there is a range. `count`: runs, or values of a range in a grid.
+///
+/// # Errors
+/// [`Error::Input`] that says what does not go together.
+pub fn sample(parameters: &[Parameter], method: Option<Method>, count: usize, seed: u64) -> Result<Table> {
+    let names: Vec<String> = parameters.iter().map(|p| p.name.clone()).collect();
+    check_names(&names).map_err(Error::Input)?;
+    let ranges = parameters.iter().any(|p| matches!(p.values, Values::Range(_)));
+    let method = method.unwrap_or(if ranges { Method::Sobol } else { Method::Grid });
+    refuse(count == 0 || count > MOST, Error::Input, || format!("{count} runs: expected 1 to {MOST}"))?;
+    let dimensions = parameters.len();
+    let runs = match method {
+        Method::List => listed(parameters)?,
+        Method::Grid => grid(parameters, count)?,
+        Method::Sobol => {
+            refuse(dimensions > sobol_burley::NUM_DIMENSIONS as usize, Error::Input, || {
+                format!("{dimensions} parameters: Sobol points have at most {}", sobol_burley::NUM_DIMENSIONS)
+            })?;
+            let point = |i: u32| {
+                (0..dimensions as u32).map(|d| f64::from(sobol_burley::sample(i, d, seed as u32))).collect()
+            };
+            placed(parameters, (0..count as u32).map(point).collect())
+        }
+        Method::LatinHypercube => placed(parameters, latin_hypercube(dimensions, count, seed)),
+    };
+    let width = runs.len().to_string().len().max(2);
+    let name = |i: usize| format!("r{:0width$}", i + 1);
+    let rows = runs.into_iter().enumerate().map(|(i, values)| Row { name: name(i), values }).collect();
+    Ok(Table { parameters: names, rows })
+}
+
+fn listed(parameters: &[Parameter]) -> Result<Vec<Vec<String>>> {
+    let mut lists = Vec::new();
+    for p in parameters {
+        match &p.values {
+            Values::List(values) => lists.push(values),
+            Values::Range(_) => {
+                return Err(Error::Input(format!(
+                    "parameter {}: expected a list of values for sampling list, found a range",
+                    p.name
+                )));
+            }
+        }
+    }
+    let count = lists.first().map_or(0, |l| l.len());
+    refuse(count == 0 || lists.iter().any(|l| l.len() != count), Error::Input, || {
+        format!(
+            "sampling list: expected as many values of each parameter, found {:?}",
+            lists.iter().map(|l| l.len()).collect::<Vec<_>>()
+        )
+    })?;
+    Ok((0..count).map(|i| lists.iter().map(|l| l[i].clone()).collect()).collect())
+}
+
+fn grid(parameters: &[Parameter], count: usize) -> Result<Vec<Vec<String>>> {
+    let mut runs: Vec<Vec<String>> = vec![Vec::new()];
+    for p in parameters {
+        let values: Vec<String> = match &p.values {
+            Values::List(values) => values.clone(),
+            Values::Range([low, high]) => {
+                let last = (count - 1).max(1) as f64;
+                (0..count).map(|i| short(low + (high - low) * i as f64 / last)).collect()
+            }
+        };
+        refuse(runs.len() * values.len() > MOST, Error::Input, || {
+            format!("the grid has more than {MOST} runs")
+        })?;
+        runs = runs
+            .iter()
+            .flat_map(|run| values.iter().map(move |v| [&run[..], std::slice::from_ref(v)].concat()))
+            .collect();
+    }
+    Ok(runs)
+}
+
+/// Points of the unit cube as values.
+fn placed(parameters: &[Parameter], points: Vec<Vec<f64>>) -> Vec<Vec<String>> {
+    let value = |(p, x): (&Parameter, &f64)| match &p.values {
+        Values::Range([low, high]) => short(low + (high - low) * x),
+        Values::List(values) => values[((x * values.len() as f64) as usize).min(values.len() - 1)].clone(),
+    };
+    points.iter().map(|point| parameters.iter().zip(point).map(value).collect()).collect()
+}
+
+fn latin_hypercube(dimensions: usize, count: usize, seed: u64) -> Vec<Vec<f64>> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut points = vec![Vec::new(); count];
+    for _ in 0..dimensions {
+        let mut parts: Vec<usize> = (0..count).collect();
+        parts.shuffle(&mut random);
+        for (point, part) in points.iter_mut().zip(parts) {
+            point.push((part as f64 + random.random_range(0.0..1.0)) / count as f64);
+        }
+    }
+    points
+}
+
+/// A number with six digits.
+fn short(value: f64) -> String {
+    format!("{value:.5e}").parse::<f64>().unwrap_or(value).to_string()
+}
+
+/// The order in which runs are made: the one in the middle, then always the one that is farthest from all before, so that whenever a
+/// campaign is stopped its runs are spread, and each has a sister near. `places` as [`Table::places`].
+pub fn spread(places: &[Vec<f64>]) -> Vec<usize> {
+    let distance = |i: usize, to: &[f64]| super::start::distance(&places[i], to);
+    let centre = vec![0.5; places.first().map_or(0, Vec::len)];
+    let mut nearest = vec![f64::INFINITY; places.len()];
+    let mut left: Vec<usize> = (0..places.len()).collect();
+    let mut order = Vec::new();
+    while !left.is_empty() {
+        let far = |&i: &usize| if order.is_empty() { -distance(i, &centre) } else { nearest[i] };
+        // Of equals the first
+        let next = left.iter().rev().max_by(|a, b| far(a).total_cmp(&far(b))).copied().unwrap_or(left[0]);
+        left.retain(|&i| i != next);
+        left.iter().for_each(|&i| nearest[i] = nearest[i].min(distance(i, &places[next])));
+        order.push(next);
+    }
+    order
+}
+
+/// The rows that are also made cold and plain: a share of all, evenly in the order of the table; one at least of a share above 0.
+pub fn held_out(rows: usize, share: f64) -> Vec<usize> {
+    let count = if share > 0.0 { ((share * rows as f64).round() as usize).clamp(1, rows) } else { 0 };
+    (0..count).map(|i| (2 * i + 1) * rows / (2 * count)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parameters(texts: &[&str]) -> Vec<Parameter> {
+        texts.iter().map(|t| t.parse().unwrap()).collect()
+    }
+
+    fn values(texts: &[&str], method: Option<Method>, count: usize) -> Vec<Vec<String>> {
+        sample(&parameters(texts), method, count, 1).unwrap().rows.into_iter().map(|r| r.values).collect()
+    }
+
+    #[test]
+    fn lists_and_grids() {
+        assert_eq!(values(&["a=1,2", "b=x,y"], None, 9), [["1", "x"], ["1", "y"], ["2", "x"], ["2", "y"]]);
+        assert_eq!(values(&["a=1,2", "b=x,y"], Some(Method::List), 9), [["1", "x"], ["2", "y"]]);
+        assert_eq!(values(&["a=0:1"], Some(Method::Grid), 3), [["0"], ["0.5"], ["1"]]);
+        let uneven =
+            sample(&parameters(&["a=1,2", "b=x"]), Some(Method::List), 9, 1).unwrap_err().to_string();
+        assert!(uneven.contains("found [2, 1]"), "{uneven}");
+        for (text, expected) in [
+            ("a=2:1", "lower number first"),
+            ("a", "NAME=LOW:HIGH"),
+            ("a=1,,2", "NAME=VALUE"),
+            ("a=x:y", "NAME=LOW"),
+        ] {
+            let message = text.parse::<Parameter>().unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+
+    /// Of eight points each parameter has one in each eighth of its range: of a Latin hypercube, and of Sobol points as well.
+    #[test]
+    fn points_fill_their_ranges_evenly_and_are_the_same_again() {
+        for method in [Method::Sobol, Method::LatinHypercube] {
+            let of = || values(&["a=1:2", "b=-1:1", "m=u,v"], Some(method), 8);
+            let points = of();
+            assert_eq!(points, of());
+            for (c, low, high) in [(0, 1.0, 2.0), (1, -1.0, 1.0)] {
+                let mut parts: Vec<usize> = points
+                    .iter()
+                    .map(|p| (8.0 * (p[c].parse::<f64>().unwrap() - low) / (high - low)) as usize)
+                    .collect();
+                parts.sort();
+                assert_eq!(parts, [0, 1, 2, 3, 4, 5, 6, 7], "{method:?} {c}: {points:?}");
+            }
+            assert_eq!(points.iter().filter(|p| p[2] == "u").count(), 4, "{method:?}: {points:?}");
+        }
+    }
+
+    #[test]
+    fn runs_are_spread_from_the_middle_outwards() {
+        let line: Vec<Vec<f64>> = (0..5).map(|i| vec![f64::from(i) / 4.0]).collect();
+        assert_eq!(spread(&line), [2, 0, 4, 1, 3]);
+        assert_eq!(spread(&[vec![], vec![]]), [0, 1]);
+        assert!(spread(&[]).is_empty());
+    }
+
+    #[test]
+    fn one_run_in_ten_is_held_out() {
+        assert_eq!(held_out(30, 0.1), [5, 15, 25]);
+        assert_eq!((held_out(3, 0.1), held_out(3, 0.0).len(), held_out(2, 1.0)), (vec![1], 0, vec![0, 1]));
+    }
+}

@@ -1,0 +1,215 @@
+//! What a case says of itself before a campaign is made of it: its commands, and where it uses the parameters.
+
+use super::case::{PARAMETERS, Source};
+use super::sampling::{Parameter, Values};
+use super::table::number;
+use crate::check::copy::{has_mesh, mentions};
+use m4gn_base::{Error, Result, files};
+use std::path::Path;
+
+/// Longest file that is searched, bytes.
+const LONGEST: u64 = 1 << 20;
+/// Most lines that are shown.
+const SHOWN: usize = 12;
+
+/// The commands of a case.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Commands {
+    /// Before the solver.
+    pub prepare: Vec<Vec<String>>,
+    /// Whether the case's own script runs the solver on several ranks.
+    pub parallel: bool,
+    /// Lines of that script that are not understood.
+    pub unknown: Vec<String>,
+}
+
+/// The commands that come before the solver: of `Allrun.pre`, else of the lines of `Allrun` in the form of OpenFOAM's tutorials, else `blockMesh`
+/// where the case has its dictionary and no mesh, or one that depends on a parameter.
+pub fn commands(source: &Source, parameters: &[Parameter]) -> Commands {
+    let at = |name: &str| source.folder.join(name);
+    if at("Allrun.pre").is_file() {
+        return Commands { prepare: vec![vec!["./Allrun.pre".into()]], ..Commands::default() };
+    }
+    if let Ok(script) = files::read_text(at("Allrun")) {
+        return of_script(&script, &source.application);
+    }
+    let block = ["system/blockMeshDict", "constant/polyMesh/blockMeshDict"];
+    let texts = block.iter().filter_map(|f| files::read_text(at(f)).ok());
+    let mut prepare = Vec::new();
+    for text in texts {
+        if !has_mesh(&source.folder) || parameters.iter().any(|p| uses(&text, &p.name)) {
+            prepare = vec![vec!["blockMesh".to_string()]];
+        }
+    }
+    Commands { prepare, ..Commands::default() }
+}
+
+/// Lines of a tutorial's script that are not commands for a run.
+const OF_SCRIPTS: [&str; 9] =
+    ["#", "cd ", "cd\t", ". ", "source ", "application=", "restore0Dir", "set ", "exit"];
+
+fn of_script(script: &str, application: &str) -> Commands {
+    let mut found = Commands::default();
+    for line in script.lines().map(str::trim) {
+        let mut words: Vec<&str> =
+            line.split_whitespace().take_while(|w| !w.starts_with(['#', '>'])).collect();
+        let Some(&first) = words.first() else { continue };
+        if !["runApplication", "runParallel"].contains(&first) {
+            if !OF_SCRIPTS.iter().any(|begin| line.starts_with(begin)) {
+                found.unknown.push(line.to_string());
+            }
+            continue;
+        }
+        words.remove(0);
+        while let Some(option) = words.first().filter(|w| w.starts_with('-')).copied() {
+            let value = ["-s", "-suffix", "-n", "-np", "-decomposeParDict"].contains(&option);
+            words.drain(..(1 + usize::from(value)).min(words.len()));
+        }
+        let program = words.first().copied().unwrap_or_default();
+        if program.contains("getApplication")
+            || program.contains("$application")
+            || program.contains("${application")
+            || program == application
+        {
+            found.parallel |= first == "runParallel";
+            break;
+        }
+        match program {
+            "decomposePar" | "" => found.parallel |= program == "decomposePar",
+            "reconstructPar" => {}
+            _ => found.prepare.push(words.iter().map(|w| w.to_string()).collect()),
+        }
+    }
+    found
+}
+
+/// Checks that some file of the case uses each parameter, and returns the files that use one without including [`PARAMETERS`].
+///
+/// # Errors
+/// [`Error::Input`] naming the parameter that no file uses, and the lines that may hold its value.
+pub fn check_uses(source: &Source, parameters: &[Parameter]) -> Result<Vec<String>> {
+    let mut texts = Vec::new();
+    for name in source.files()? {
+        let path = source.folder.join(&name);
+        let short = path.metadata().is_ok_and(|m| m.len() <= LONGEST) && !name.contains("polyMesh/")
+            || name.ends_with("blockMeshDict");
+        if let Some(text) = short.then(|| files::read(&path).ok()).flatten() {
+            texts.push((name, String::from_utf8_lossy(&text).into_owned()));
+        }
+    }
+    for parameter in parameters {
+        let name = &parameter.name;
+        if !texts.iter().any(|(_, text)| uses(text, name)) {
+            return Err(Error::Input(unused(&source.folder, parameter, &texts)));
+        }
+    }
+    let includes = |text: &str| text.contains("simulationParameters");
+    let alone =
+        texts.iter().filter(|(_, text)| !includes(text) && parameters.iter().any(|p| uses(text, &p.name)));
+    Ok(alone.map(|(name, _)| name.clone()).collect())
+}
+
+/// Whether a text has `$name` or `${name}`, or reads the parameter from the file of all.
+fn uses(text: &str, name: &str) -> bool {
+    let word = |c: char| c.is_alphanumeric() || c == '_';
+    let plain = format!("${name}");
+    let dollar = text.match_indices(&plain).any(|(at, _)| !text[at + plain.len()..].starts_with(word));
+    dollar
+        || text.contains(&format!("${{{name}}}"))
+        || (text.contains("simulationParameters") && mentions(text, name))
+}
+
+/// What is said of a parameter that no file uses.
+fn unused(case: &Path, parameter: &Parameter, texts: &[(String, String)]) -> String {
+    let name = &parameter.name;
+    let lines = |wanted: &dyn Fn(&str) -> bool| -> Vec<String> {
+        let of = |(file, text): &(String, String)| -> Vec<String> {
+            let lines = text
+                .lines()
+                .enumerate()
+                .filter(|(_, line)| line.len() < 200 && !line.trim_start().starts_with("//") && wanted(line));
+            lines.map(|(i, line)| format!("{file}, line {}: {}", i + 1, line.trim())).collect()
+        };
+        texts.iter().flat_map(of).take(SHOWN).collect()
+    };
+    let may_be = |word: &str| match (&parameter.values, number(word)) {
+        (Values::Range([low, high]), Some(v)) => v != 0.0 && v >= *low && v <= *high,
+        (Values::List(values), Some(v)) => v != 0.0 && values.iter().any(|w| number(w) == Some(v)),
+        (Values::List(values), None) => values.iter().any(|w| w == word),
+        _ => false,
+    };
+    let holds = |line: &str| line.split(|c: char| c.is_whitespace() || "();".contains(c)).any(may_be);
+    let mut found = lines(&|line| mentions(line, name));
+    if found.is_empty() {
+        found = lines(&holds);
+    }
+    let where_ = match found.is_empty() {
+        true => "No line was found that has such a value.".to_string(),
+        false => format!("Lines that may be meant:\n  {}", found.join("\n  ")),
+    };
+    format!(
+        "{}: expected a file that uses the parameter {name}, found none. In the file that has its value, write\n  #include \
+         \"<{}>/{}\"\nabove, and ${name} in place of the value. {where_}",
+        case.display(),
+        PARAMETERS.split('/').next().unwrap_or_default(),
+        PARAMETERS.split('/').next_back().unwrap_or_default()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn source(list: &[(&str, &str)]) -> (tempfile::TempDir, Source) {
+        let dir = tempfile::tempdir().unwrap();
+        for (name, text) in list {
+            let path = dir.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        }
+        let folder = dir.path().to_path_buf();
+        (dir, Source { folder, start: 0.0, end: 1.0, application: "icoFoam".into() })
+    }
+
+    #[test]
+    fn a_tutorial_s_script_is_understood_up_to_its_solver() {
+        let script = "#!/bin/sh\ncd ${0%/*} || exit 1\n. $WM_PROJECT_DIR/bin/tools/RunFunctions\n\nrestore0Dir\nrunApplication blockMesh\ncp a b\n\
+                      runApplication -s 1 topoSet -dict system/a # cells\nrunApplication decomposePar\nrunParallel $(getApplication)\nrunApplication \
+                      reconstructPar\n";
+        let found = of_script(script, "icoFoam");
+        let expected: Vec<Vec<String>> =
+            vec![vec!["blockMesh".into()], vec!["topoSet".into(), "-dict".into(), "system/a".into()]];
+        assert_eq!(found, Commands { prepare: expected, parallel: true, unknown: vec!["cp a b".into()] });
+        assert!(!of_script("runApplication icoFoam\nrunApplication foamToVTK\n", "icoFoam").parallel);
+        let (_dir, own) = source(&[("Allrun.pre", ""), ("Allrun", "runApplication blockMesh")]);
+        assert_eq!(commands(&own, &[]).prepare, [["./Allrun.pre"]]);
+        let (_dir, block) = source(&[("system/blockMeshDict", "$n"), ("constant/polyMesh/faces", "")]);
+        assert!(commands(&block, &[]).prepare.is_empty());
+        assert_eq!(commands(&block, &["n=1,2".parse().unwrap()]).prepare, [["blockMesh"]]);
+    }
+
+    #[test]
+    fn a_parameter_that_no_file_uses_is_told_with_the_lines_that_may_be_meant() {
+        let (_dir, case) = source(&[
+            ("0/U", "internalField uniform (0 0 0);\nvalue uniform (1.5 0 0);\n// 1.5\n"),
+            ("constant/transportProperties", "nu 0.01;\n"),
+            ("system/geometry", "size $size;\n"),
+        ]);
+        let of = |text: &str| check_uses(&case, &[text.parse().unwrap()]);
+        let message = of("Uin=1:2").unwrap_err().to_string();
+        for expected in [
+            "uses the parameter Uin",
+            "#include \"<system>/simulationParameters\"",
+            "$Uin",
+            "0/U, line 2: value uniform (1.5 0 0);",
+        ] {
+            assert!(message.contains(expected), "{expected}: {message}");
+        }
+        assert!(!message.contains("line 3"), "{message}");
+        let named = of("nu=0.1:0.2").unwrap_err().to_string();
+        assert!(named.contains("constant/transportProperties, line 1: nu 0.01;"), "{named}");
+        assert!(of("b=7,8").unwrap_err().to_string().contains("No line was found"));
+        assert_eq!(of("size=1:2").unwrap(), ["system/geometry"], "used, and not included");
+        assert!(of("siz=1:2").is_err());
+    }
+}

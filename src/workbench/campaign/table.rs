@@ -1,0 +1,181 @@
+//! `parameters.csv`: a run a row, its name and its parameters.
+
+use crate::generate::parameter::is_word;
+use m4gn_base::{Error, Result, files};
+use std::collections::HashSet;
+use std::path::Path;
+
+/// Name of the file in the campaign's folder.
+pub const FILE: &str = "parameters.csv";
+/// Its first column.
+pub const NAME: &str = "case_name";
+
+/// A run's name and the values of its parameters, in the order of [`Table::parameters`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// Names its folder.
+    pub name: String,
+    /// A number or a word each, as written in the file.
+    pub values: Vec<String>,
+}
+
+/// The file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Table {
+    /// Names of the parameters.
+    pub parameters: Vec<String>,
+    /// The runs.
+    pub rows: Vec<Row>,
+}
+
+impl Table {
+    /// Reads and checks the file of a campaign's folder.
+    ///
+    /// # Errors
+    /// [`Error::File`] with the line.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let path = folder.join(FILE);
+        let text = files::read_text(&path).map_err(|e| Error::file(&path, format!("cannot be read: {e}")))?;
+        Table::parse(&text).map_err(|message| Error::file(&path, message))
+    }
+
+    fn parse(text: &str) -> std::result::Result<Self, String> {
+        let mut reader =
+            csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
+        let header = reader.headers().map_err(|e| e.to_string())?.clone();
+        let mut columns = header.iter();
+        if columns.next() != Some(NAME) {
+            return Err(format!(
+                "line 1: expected {NAME} and the names of parameters, found '{}'",
+                header.as_slice()
+            ));
+        }
+        let parameters: Vec<String> = columns.map(String::from).collect();
+        check_names(&parameters)?;
+        let (mut rows, mut names): (Vec<Row>, HashSet<String>) = (Vec::new(), HashSet::new());
+        for record in reader.records() {
+            let record = record.map_err(|e| e.to_string())?;
+            let line = record.position().map_or(0, csv::Position::line);
+            let (name, values) =
+                (record[0].to_string(), record.iter().skip(1).map(String::from).collect::<Vec<_>>());
+            if !is_name(&name) {
+                return Err(format!(
+                    "line {line}: expected a name of letters, digits, _ . + - =, which names a folder, found '{name}'"
+                ));
+            }
+            if let Some(bad) = values.iter().find(|v| !is_value(v)) {
+                return Err(format!("line {line}: expected a number or a word of OpenFOAM, found '{bad}'"));
+            }
+            if !names.insert(name.clone()) {
+                return Err(format!(
+                    "line {line}: there is another run of the name {name}: expected each name once"
+                ));
+            }
+            rows.push(Row { name, values });
+        }
+        match rows.is_empty() {
+            true => Err("expected a row for each run, found none".into()),
+            false => Ok(Table { parameters, rows }),
+        }
+    }
+
+    /// The text of the file.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] for rows of different lengths.
+    pub fn text(&self) -> Result<String> {
+        let header = [NAME.to_string()].into_iter().chain(self.parameters.iter().cloned());
+        let rows = self
+            .rows
+            .iter()
+            .map(|row| [row.name.clone()].into_iter().chain(row.values.iter().cloned()).collect());
+        csv_text([header.collect()].into_iter().chain(rows))
+    }
+
+    /// Where each run lies among the others: each parameter from 0 to 1 over its range. A word is a place of its own, in the order of
+    /// first occurrence.
+    pub fn places(&self) -> Vec<Vec<f64>> {
+        let columns = (0..self.parameters.len())
+            .map(|c| column(self.rows.iter().map(|r| r.values[c].as_str()).collect()));
+        let columns: Vec<Vec<f64>> = columns.collect();
+        (0..self.rows.len()).map(|r| columns.iter().map(|c| c[r]).collect()).collect()
+    }
+}
+
+fn column(values: Vec<&str>) -> Vec<f64> {
+    let numbers: Option<Vec<f64>> = values.iter().map(|v| number(v)).collect();
+    let first = |v: &str| values.iter().position(|w| *w == v).unwrap_or(0) as f64;
+    let values = numbers.unwrap_or_else(|| values.iter().map(|v| first(v)).collect());
+    let (low, high) =
+        values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (l.min(v), h.max(v)));
+    values.iter().map(|v| if high > low { (v - low) / (high - low) } else { 0.0 }).collect()
+}
+
+/// Rows as CSV.
+pub(super) fn csv_text(rows: impl IntoIterator<Item = Vec<String>>) -> Result<String> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let failed = |e: &dyn std::fmt::Display| Error::Internal(format!("a table of a campaign: {e}"));
+    for row in rows {
+        writer.write_record(row).map_err(|e| failed(&e))?;
+    }
+    let bytes = writer.into_inner().map_err(|e| failed(&e))?;
+    String::from_utf8(bytes).map_err(|e| failed(&e))
+}
+
+/// A value as a finite number; none: it is a word.
+pub(super) fn number(value: &str) -> Option<f64> {
+    value.parse().ok().filter(|v: &f64| v.is_finite())
+}
+
+/// Checks that names can be names of OpenFOAM's entries, each once.
+pub(super) fn check_names(parameters: &[String]) -> std::result::Result<(), String> {
+    let mut names = HashSet::new();
+    match parameters.iter().find(|p| !is_word(p) || p.contains('-') || !names.insert(*p) || *p == NAME) {
+        Some(name) => Err(format!(
+            "parameter '{name}': expected a name of its own, of at most 64 letters, digits and _"
+        )),
+        None => Ok(()),
+    }
+}
+
+fn is_name(name: &str) -> bool {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "_.+-=".contains(c);
+    !name.is_empty() && name.len() <= 100 && !name.starts_with(['.', '-']) && name.chars().all(plain)
+}
+
+fn is_value(value: &str) -> bool {
+    number(value).is_some() || (is_word(value) && value.parse::<f64>().is_err())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read() {
+        let text = "case_name,Uin,model\na,1.5,kEpsilon\nb,3e-1,kOmegaSST\n";
+        let table = Table::parse(text).unwrap();
+        assert_eq!(table.text().unwrap(), text);
+        assert_eq!(table.places(), [[1.0, 0.0], [0.0, 1.0]]);
+        let spaced =
+            Table::parse("# drawn\ncase_name, Uin, model\na, 1.5, kEpsilon\nb, 3e-1, kOmegaSST\n").unwrap();
+        assert_eq!(spaced, table);
+    }
+
+    #[test]
+    fn faults_have_their_line() {
+        for (text, expected) in [
+            ("name,U\na,1\n", "line 1: expected case_name"),
+            ("case_name,U,U\na,1,2\n", "parameter 'U': expected a name of its own"),
+            ("case_name,U\n", "found none"),
+            ("case_name,U\n../a,1\n", "line 2: expected a name"),
+            ("case_name,U\na,1\na,2\n", "line 3: there is another run"),
+            ("case_name,U\na,1; b\n", "line 2: expected a number or a word"),
+            ("case_name,U\na,nan\n", "line 2: expected a number or a word"),
+            ("case_name,U\na\n", "fields"),
+        ] {
+            let message = Table::parse(text).unwrap_err();
+            assert!(message.contains(expected), "{text}: {message}");
+        }
+    }
+}

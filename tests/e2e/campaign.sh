@@ -1,0 +1,174 @@
+#!/usr/bin/env bash
+# m4gn campaign: a cavity from init to report with the stock solver; killed in the middle; two at once; a run that diverges; an edited case; starts from
+# sisters, scaled and mapped; on two ranks.
+# shellcheck source=tests/e2e/common.sh
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+
+# cavity FOLDER: a driven cavity without a mesh, whose lid speed and number of cells are parameters once its files are told so
+cavity() {
+    mkdir -p "$1/0" "$1/system" "$1/constant"
+    cd "$1"
+    control_dict icoFoam 2 0.005 timeStep 20 10
+    cat > system/functions <<'EOD'
+speed { type mag; libs (fieldFunctionObjects); field U; writeControl none; log no; }
+mean { type volFieldValue; libs (fieldFunctionObjects); regionType all; operation volAverage; fields (mag(U)); writeFields no; log no; }
+EOD
+    { header fvSchemes; cat <<'EOD'; } > system/fvSchemes
+ddtSchemes { default Euler; }
+gradSchemes { default Gauss linear; }
+divSchemes { default none; div(phi,U) Gauss linear; }
+laplacianSchemes { default Gauss linear orthogonal; }
+interpolationSchemes { default linear; }
+snGradSchemes { default orthogonal; }
+EOD
+    { header fvSolution; cat <<'EOD'; } > system/fvSolution
+solvers
+{
+    p { solver PCG; preconditioner DIC; tolerance 1e-8; relTol 0; }
+    pFinal { $p; }
+    U { solver smoothSolver; smoother symGaussSeidel; tolerance 1e-8; relTol 0; }
+}
+PISO { nCorrectors 2; nNonOrthogonalCorrectors 0; pRefCell 0; pRefValue 0; }
+EOD
+    { header transportProperties; echo 'nu 0.01;'; } > constant/transportProperties
+    { header U volVectorField; cat <<'EOD'; } > 0/U
+dimensions [0 1 -1 0 0 0 0];
+internalField uniform (0 0 0);
+boundaryField
+{
+    lid { type fixedValue; value uniform (1 0 0); }
+    walls { type noSlip; }
+    frontAndBack { type empty; }
+}
+EOD
+    { header p volScalarField; cat <<'EOD'; } > 0/p
+dimensions [0 2 -2 0 0 0 0];
+internalField uniform 0;
+boundaryField { lid { type zeroGradient; } walls { type zeroGradient; } frontAndBack { type empty; } }
+EOD
+    block '0.1 0.1 0.01' '20 20 1' 'lid { type wall; faces (TOP); } walls { type wall; faces (LEFT RIGHT BOTTOM); }
+        frontAndBack { type empty; faces (BACK FRONT); }'
+    rm -rf constant/polyMesh log.run
+    cd ..
+}
+# quantity FOLDER ENTRY...: its campaign.toml asks for the mean speed, not before 0.3 s, and has these entries
+quantity() {
+    local folder=$1
+    shift
+    sed -i -E 's/^(min_time) = .*/\1 = 0.3/; s/^(held_out) = .*/\1 = 0/' "$folder/campaign.toml"
+    for entry in "$@"; do
+        sed -i -E "/^#? ?${entry%% *} = /d" "$folder/campaign.toml"
+        sed -i "1i $entry" "$folder/campaign.toml"
+    done
+    cat >> "$folder/campaign.toml" <<'EOD'
+[[quantity]]
+name = "speed"
+function_object = "mean"
+result = "volAverage(mag(U))"
+relative = 0.005
+EOD
+}
+# value FOLDER RUN [START]: of the row of results.csv
+value() { awk -F, -v run="$2" '$1 == run { print $(NF - 6) }' "$1/results.csv"; }
+done_of() { stat -c '%n %y %i' "$1"/*/*/done; }
+
+cavity cavity
+before=$(find cavity -type f -exec md5sum {} + | sort)
+
+# A parameter that no file uses: the lines that may be meant; nothing is written
+refused 'uses the parameter Ulid' m4gn campaign init cavity --out study --parameter Ulid=0.5:2
+expect_log '#include "<system>/simulationParameters"' '0/U, line .*: lid { type fixedValue; value uniform (1 0 0); }'
+[ ! -e study ] && [ "$(find cavity -type f -exec md5sum {} + | sort)" = "$before" ] || fail "a refused init wrote something"
+sed -i 's/uniform (1 0 0)/uniform ($Ulid 0 0)/; s/^dimensions/#include "<system>\/simulationParameters"\n&/' cavity/0/U
+sed -i 's/(20 20 1)/($n $n 1)/' cavity/system/blockMeshDict
+
+# What does not go together is told
+runs m4gn campaign init cavity --out study --parameter Ulid=0.5,1,1.5,2 --parameter n=20
+expect_log 'system/blockMeshDict uses a parameter and does not include' 'no quantity is known' '4 runs'
+grep -q 'prepare = \[\["blockMesh"\]\]' study/campaign.toml || fail "blockMesh is no command: $(cat study/campaign.toml)"
+rm -rf study
+sed -i '2i #include "simulationParameters"' cavity/system/blockMeshDict
+runs m4gn campaign init cavity --out study --parameter Ulid=0.5,1,1.5,2 --parameter n=20
+expect_silence 'does not include'
+refused 'is there already' m4gn campaign init cavity --out study --parameter Ulid=1,2
+refused 'has no \[\[quantity\]\]' m4gn campaign run --store study
+quantity study 'scale = "Ulid"' 'held_out = 0.25'
+refused 'has no run r7: expected one of r01' m4gn campaign one r7 --store study
+
+# Killed in the middle, and carried on: what is done stays, and nothing of the killed run does
+m4gn campaign run --store study > log.killed 2>&1 &
+killed=$!
+until ls study/runs/*/done > log.ls 2>&1; do kill -0 $killed || { cat log.killed; fail "it ended before it was killed"; }; sleep 0.1; done
+kill -9 $killed
+wait $killed || true
+kept=$(done_of study)
+[ "$(wc -l <<< "$kept")" -lt 4 ] || fail "it was over before it was killed"
+runs m4gn campaign status --store study
+expect_log 'to make'
+runs m4gn campaign run --store study
+[ "$(done_of study | grep -cF "$kept")" -ge 1 ] || fail "what was done before the kill was made again"
+runs m4gn campaign run --store study
+expect_log '5 of 5 runs are there, 0 to make'
+runs m4gn campaign one r02 --store study
+expect_log 'r02: is there: speed '
+
+# The starts are scaled sisters; figures are those of the cold plain run to the end
+runs m4gn campaign report --store study
+[ "$(awk -F, '$(NF - 3) ~ /^nearest r0. x / { ++n } END { print n }' study/results.csv)" = 3 ] || { cat study/results.csv; fail "not three runs began from a sister"; }
+awk -F, '$(NF - 3) == "check" { print $1, $(NF - 6) }' study/results.csv > check
+read -r run checked < check
+below "$(off "$(value study "$run" | head -n 1)" "$checked")" 0.006 "mean speed of $run against its check"
+# A creeping flow: four times the lid's speed, four times the mean
+holds "$(value study r04)/$(value study r01) > 3.5 && $(value study r04)/$(value study r01) < 4.5"
+grep -q '<svg' study/report.html && ! grep -q 'NaN' study/report.html || fail "the page has no chart"
+# A cold run of the stock solver by itself says the same
+cp -r cavity plain && cd plain
+runs blockMesh
+sed -i 's/^Ulid .*/Ulid 2;/' system/simulationParameters
+runs icoFoam
+plain=$(awk '!/^#/ { u = $2 } END { print u }' postProcessing/mean/0/volFieldValue.dat)
+cd ..
+below "$(off "$(value study r04)" "$plain")" 0.006 "mean speed of r04 against a run by itself"
+
+# An edited case: told, and made again where that is asked for
+sed -i 's/^nu .*/nu 0.0101;/' cavity/constant/transportProperties
+refused '5 of 5 runs are of other contents .*another content of: constant/transportProperties of the case' m4gn campaign run --store study
+refused 'another content of: constant/transportProperties of the case' m4gn campaign one r02 --store study
+runs m4gn campaign report --store study
+expect_log 'is left out' '0 of 5 runs'
+runs m4gn campaign one r02 --store study --anew
+runs m4gn campaign run --store study --anew --shard 1/2
+runs m4gn campaign status --store study
+expect_log 'of another content of: constant/transportProperties'
+runs m4gn campaign run --store study --anew --shard 2/2
+runs m4gn campaign report --store study
+expect_log '5 of 5 runs'
+
+# Two at once: each run is made once
+rm -rf study/runs study/checks
+m4gn campaign run --store study > log.first 2>&1 & first=$!
+m4gn campaign run --store study > log.second 2>&1 & second=$!
+wait $first || { cat log.first; fail "the first of two failed"; }
+wait $second || { cat log.second; fail "the second of two failed"; }
+runs m4gn campaign status --store study
+expect_log '5 of 5 runs are there'
+[ -n "$(grep -h '^[0-9]/[0-9] r0' log.first)" ] && [ -n "$(grep -h '^[0-9]/[0-9] r0' log.second)" ] || fail "one of two made all"
+
+# Another mesh: mapped. A run that diverges is told, kept as failed, and the others are made
+runs m4gn campaign init cavity --out other --parameter Ulid=1,1.2,300 --parameter n=20,24,20 --sampling list
+quantity other 'scale = "Ulid"'
+refused '1 of 3 runs failed' m4gn campaign run --store other
+expect_log 'r03 (Ulid 300, n 20): failed: ' 'mapped'
+refused 'failed before, and is not made again' m4gn campaign run --store other
+refused 'r03 (Ulid 300, n 20): failed: ' m4gn campaign run --store other --retry
+runs m4gn campaign report --store other
+expect_log '2 of 3 runs' 'r03 failed'
+
+# On two ranks
+refused 'numberOfSubdomains is 2: expected the 3 of --ranks' m4gn campaign init cavity --out ranks --parameter Ulid=1,1.2 --parameter n=20 --ranks 3
+runs m4gn campaign init cavity --out ranks --parameter Ulid=1,1.2 --parameter n=20 --ranks 2
+quantity ranks 'scale = "Ulid"'
+runs m4gn campaign run --store ranks
+runs m4gn campaign report --store ranks
+below "$(off "$(value ranks r01)" "$(value other r01)")" 0.006 "mean speed on two ranks against one"
+[ -z "$(ls -d ranks/runs/*/case/processor* 2> /dev/null)" ] || fail "folders of ranks are left"
