@@ -85,15 +85,14 @@ bool take_field(
         return false;
     }
 
-    const Foam::localIOdictionary dict(target, volField::typeName);
-    const Foam::DimensionedField<Type, Foam::volMesh> found(other, mesh, "internalField");
-    const Foam::dimensionSet dimensions(dict.lookup("dimensions"));
-    if (dimensions != found.dimensions()) {
+    const Foam::localIOdictionary dict(target, volField::typeName), from(other, volField::typeName);
+    const Foam::dimensionSet dimensions(dict.lookup("dimensions")), found(from.lookup("dimensions"));
+    if (dimensions != found) {
         FatalErrorInFunction << name << " has the dimensions " << dimensions << " in " << target.objectPath()
-                             << " and " << found.dimensions() << " in " << other.objectPath()
+                             << " and " << found << " in " << other.objectPath()
                              << Foam::exit(Foam::FatalError);
     }
-    Foam::Field<Type> values(found.field());
+    Foam::Field<Type> values("internalField", from, mesh.nCells());
     // All lengths, and the density, are the same: of a velocity the first power of the ratio, of a kinematic pressure the second
     if (Foam::mag(dimensions[Foam::dimensionSet::MASS]) < Foam::SMALL
         && Foam::mag(dimensions[Foam::dimensionSet::TEMPERATURE]) < Foam::SMALL)

@@ -111,6 +111,11 @@ impl CaseHandle {
     pub fn open(bridge: &'static FoamBridge, folder: &Path) -> Result<Self> {
         let path = c_string(&folder.to_string_lossy())?;
         let mut handle = ptr::null_mut();
+        if let Ok(whole) = std::path::absolute(folder) {
+            // What `#include "<system>/NAME"` and `$FOAM_CASE` of the case's files stand for.
+            // SAFETY: a command opens one case at a time; its other threads read the environment through Rust, which locks it.
+            unsafe { std::env::set_var("FOAM_CASE", whole) };
+        }
         // SAFETY: a C string and a place for a pointer, both alive through the call.
         bridge.check(unsafe { (bridge.open)(path.as_ptr(), &mut handle) })?;
         Ok(CaseHandle { bridge, handle })

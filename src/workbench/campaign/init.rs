@@ -184,7 +184,7 @@ fn quantities(functions: &[(String, String)]) -> (String, bool) {
             }
             "forceCoeffs" => text += &one(&format!("Cd_{object}"), object, "Cd", false, "# "),
             "surfaceFieldValue" | "volFieldValue" => {
-                text += &one(object, object, "average(REGION,FIELD)", false, "# ")
+                text += &one(object, object, "OPERATION(FIELD)", false, "# ")
             }
             _ => {}
         }

@@ -50,6 +50,8 @@ impl Surroundings {
         command
             .args(arguments)
             .current_dir(folder)
+            // OpenFOAM's programs warn of another one, amid what they are asked for
+            .envs(folder.is_absolute().then_some(("PWD", folder)))
             .envs(self.environment.iter().map(|(k, v)| (k, v)))
             .stdin(Stdio::null())
             .stdout(output)
