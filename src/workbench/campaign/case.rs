@@ -74,14 +74,16 @@ pub struct Source {
     pub end: f64,
     /// `application`.
     pub application: String,
+    /// Names and types of its function objects.
+    pub functions: Vec<(String, String)>,
 }
 
 impl Source {
-    /// Reads what `controlDict` says. OpenFOAM's tool works in `scratch`.
+    /// Reads what `controlDict` says, in a copy of `system` in `scratch` with these parameters where the case has none yet.
     ///
     /// # Errors
     /// [`Error::File`] for a folder that is no case, and an entry that is missing.
-    pub fn read(folder: &Path, scratch: &Path, tools: &Surroundings) -> Result<Self> {
+    pub fn read(folder: &Path, scratch: &Path, parameters: &str, tools: &Surroundings) -> Result<Self> {
         let control = folder.join("system/controlDict");
         if !control.is_file() {
             return Err(Error::file(
@@ -89,9 +91,21 @@ impl Source {
                 "has no system/controlDict: expected the folder of an OpenFOAM case",
             ));
         }
+        copy_all(&folder.join("system"), &scratch.join("system"))?;
+        if !scratch.join(PARAMETERS).exists() {
+            write(&scratch.join(PARAMETERS), parameters)?;
+        }
+        let copy = scratch.join("system/controlDict");
+        let in_the_case = |e: Error| match e {
+            Error::File { message, .. } => {
+                let place = |path: &Path| path.display().to_string();
+                Error::file(&control, message.replace(&place(scratch), &place(folder)))
+            }
+            e => e,
+        };
         let wanted = |name: &str| {
-            entry(scratch, &control, name, tools)?
-                .ok_or_else(|| Error::file(&control, format!("has no entry {name}: expected one")))
+            let found = entry(scratch, &copy, name, tools).map_err(in_the_case)?;
+            found.ok_or_else(|| Error::file(&control, format!("has no entry {name}: expected one")))
         };
         let number = |name: &str| {
             let text = wanted(name)?;
@@ -99,7 +113,8 @@ impl Source {
                 .map_err(|_| Error::file(&control, format!("{name}: expected a number, found {text}")))
         };
         let (start, end, application) = (number("startTime")?, number("endTime")?, wanted("application")?);
-        Ok(Source { folder: folder.to_path_buf(), start, end, application })
+        let functions = function_objects(scratch, &copy, tools).map_err(in_the_case)?;
+        Ok(Source { folder: folder.to_path_buf(), start, end, application, functions })
     }
 
     /// Names in the case's folder that are copied: all but other times, and what runs have left.
@@ -159,14 +174,7 @@ impl Source {
     ///
     /// # Errors
     /// [`Error::File`] for what cannot be copied or written.
-    pub fn copy(
-        &self,
-        copy: &Path,
-        settings: &Settings,
-        parameters: &str,
-        plain: bool,
-        tools: &Surroundings,
-    ) -> Result<()> {
+    pub fn copy(&self, copy: &Path, settings: &Settings, parameters: &str, plain: bool) -> Result<()> {
         for name in self.contents()? {
             copy_all(&self.folder.join(&name), &copy.join(&name))?;
         }
@@ -177,16 +185,17 @@ impl Source {
         write(&copy.join(PARAMETERS), parameters)?;
         let (control, own) = (copy.join("system/controlDict"), copy.join("system").join(CONTROL));
         fs::rename(&control, &own).map_err(|e| Error::file(&control, format!("cannot be renamed: {e}")))?;
-        let all = function_objects(copy, &own, tools)?;
-        let ours = |kind: &str| ["m4gnSurrogate", "m4gnAverages"].contains(&kind);
-        let off: Vec<String> = all.into_iter().filter(|(_, kind)| ours(kind)).map(|(name, _)| name).collect();
-        write(&control, &self.control_dict(settings, plain, &off))
+        write(&control, &self.control_dict(settings, plain))
     }
 
     /// The `controlDict` of a run: the user's, from its start time, with the last state stored, and our function objects behind the user's.
-    fn control_dict(&self, s: &Settings, plain: bool, off: &[String]) -> String {
+    fn control_dict(&self, s: &Settings, plain: bool) -> String {
         let end = s.end_time.unwrap_or(self.end);
-        let off: String = off.iter().map(|name| format!("    {name} {{ enabled no; }}\n")).collect();
+        let ours = self
+            .functions
+            .iter()
+            .filter(|(_, kind)| ["m4gnSurrogate", "m4gnAverages"].contains(&kind.as_str()));
+        let off: String = ours.map(|(name, _)| format!("    {name} {{ enabled no; }}\n")).collect();
         let surrogate = match &s.surrogate {
             Some(name) if !plain => format!(
                 "    {SURROGATE}\n    {{\n        type m4gnSurrogate;\n        libs (m4gnFoam);\n        mode replace;\n        \
@@ -260,7 +269,19 @@ mod tests {
             fs::write(path, name).unwrap();
         }
         let folder = dir.path().to_path_buf();
-        (dir, Source { folder, start: 0.0, end: 2.0, application: "icoFoam".into() })
+        (
+            dir,
+            Source {
+                folder,
+                start: 0.0,
+                end: 2.0,
+                application: "icoFoam".into(),
+                functions: vec![
+                    ("own".into(), "m4gnAverages".into()),
+                    ("forces".into(), "forceCoeffs".into()),
+                ],
+            },
+        )
     }
 
     fn settings() -> Settings {
@@ -316,7 +337,7 @@ mod tests {
     #[test]
     fn a_run_has_our_entries_behind_the_case_s() {
         let (_dir, source) = source(&[]);
-        let text = source.control_dict(&settings(), false, &["own".into()]);
+        let text = source.control_dict(&settings(), false);
         for expected in [
             "#include \"controlDict.case\"\nstartFrom startTime;",
             "endTime 2;\nwriteControl runTime;\nwriteInterval 2;",
@@ -327,7 +348,7 @@ mod tests {
         ] {
             assert!(text.contains(expected), "{expected}: {text}");
         }
-        let plain = source.control_dict(&settings(), true, &[]);
+        let plain = source.control_dict(&settings(), true);
         assert!(plain.contains("stop no;") && !plain.contains("surrogates"), "{plain}");
     }
 }

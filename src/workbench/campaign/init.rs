@@ -4,7 +4,7 @@ use super::case::{PARAMETERS, Source, parameters};
 use super::sampling::{Method, Parameter, sample};
 use super::survey::{check_uses, commands};
 use super::{settings, table};
-use crate::check::copy::{entry, function_objects};
+use crate::check::copy::entry;
 use crate::generate::openfoam::plain_path;
 use crate::generate::process::Surroundings;
 use m4gn_base::{Error, Result, files, refuse};
@@ -64,7 +64,7 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
     let table = sample(&request.parameters, request.method, request.count, request.seed)?;
     let scratch = tempfile::tempdir()
         .map_err(|e| Error::Input(format!("there is no place for temporary files: {e}")))?;
-    let source = Source::read(&case, scratch.path(), tools)?;
+    let source = Source::read(&case, scratch.path(), &parameters(&table, &table.rows[0]), tools)?;
     let alone = check_uses(&source, &request.parameters)?;
     let mut notes = Vec::new();
     if !alone.is_empty() {
@@ -87,8 +87,7 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
             settings::FILE
         ));
     }
-    let functions = function_objects(scratch.path(), &case.join("system/controlDict"), tools)?;
-    let (quantities, known) = quantities(&functions);
+    let (quantities, known) = quantities(&source.functions);
     if !known {
         notes.push(format!(
             "no quantity is known of this case: write at least one [[quantity]] into {}",
@@ -251,8 +250,13 @@ mod tests {
 
     #[test]
     fn what_is_written_can_be_read() {
-        let source =
-            Source { folder: "/a/\"case\"".into(), start: 0.0, end: 2.0, application: "icoFoam".into() };
+        let source = Source {
+            folder: "/a/\"case\"".into(),
+            start: 0.0,
+            end: 2.0,
+            application: "icoFoam".into(),
+            functions: Vec::new(),
+        };
         let of = |functions: &[(&str, &str)]| {
             let functions: Vec<_> = functions.iter().map(|(a, b)| (a.to_string(), b.to_string())).collect();
             let (quantities, known) = quantities(&functions);

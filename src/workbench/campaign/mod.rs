@@ -95,7 +95,8 @@ impl Campaign {
         tools.timeout = Duration::from_secs(settings.time_limit);
         let scratch = tempfile::tempdir()
             .map_err(|e| Error::Input(format!("there is no place for temporary files: {e}")))?;
-        let source = Source::read(&settings.case, scratch.path(), tools)?;
+        let source =
+            Source::read(&settings.case, scratch.path(), &case::parameters(&table, &table.rows[0]), tools)?;
         let end = settings.end_time.unwrap_or(source.end);
         if end <= source.start {
             return Err(Error::file(

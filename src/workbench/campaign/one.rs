@@ -13,8 +13,9 @@ use m4gn_base::{Error, Result, files, lock};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::ErrorKind;
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// A run that is there.
 #[derive(Clone, Debug)]
@@ -90,16 +91,14 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
     let (settings, source, row) = (&campaign.settings, &campaign.source, &campaign.table.rows[unit.row]);
     let begin = Instant::now();
     let mut clock = Clock::new()?;
-    if case.exists() {
-        fs::remove_dir_all(case).map_err(|e| Error::file(case, format!("cannot be replaced: {e}")))?;
-    }
+    clear(case)?;
     let limit = |done: Result<()>| match done {
         Err(Error::File { path, message }) => {
             Err(Error::file(path, message.replace("--timeout", "time_limit of campaign.toml")))
         }
         done => done,
     };
-    source.copy(case, settings, &case::parameters(&campaign.table, row), unit.check, tools)?;
+    source.copy(case, settings, &case::parameters(&campaign.table, row), unit.check)?;
     settings.prepare.iter().try_for_each(|command| limit(tools.run(case, command)))?;
     let mut cost = Cost { prepare: clock.lap()?, ..Cost::default() };
 
@@ -156,6 +155,20 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
     })
 }
 
+/// Removes what an earlier run has left. Programs of one that was killed may need a moment to be gone.
+fn clear(case: &Path) -> Result<()> {
+    for last in [false, false, false, false, true] {
+        match fs::remove_dir_all(case) {
+            Err(e) if e.kind() == ErrorKind::NotFound => return Ok(()),
+            Err(e) if last => return Err(Error::file(case, format!("cannot be replaced: {e}"))),
+            Err(_) => std::thread::sleep(Duration::from_millis(200)),
+            Ok(()) if case.exists() => {}
+            Ok(()) => return Ok(()),
+        }
+    }
+    Ok(())
+}
+
 /// What the last check of our m4gnAverages said.
 fn figures(campaign: &Campaign, case: &Path, log: &Path) -> Result<BTreeMap<String, Figure>> {
     let folder = case.join("postProcessing").join(AVERAGES);
@@ -179,8 +192,8 @@ fn figures(campaign: &Campaign, case: &Path, log: &Path) -> Result<BTreeMap<Stri
     for q in &campaign.settings.quantity {
         let of = |key: &str| all[&q.name][key].as_f64().filter(|v| v.is_finite());
         let found = match q.statistic {
-            Statistic::Mean => of("mean").zip(of("half_width")),
-            Statistic::Rms => of("rms").zip(of("rms_half_width")),
+            Statistic::Mean => of("mean").map(|v| (v, of("half_width"))),
+            Statistic::Rms => of("rms").map(|v| (v, of("rms_half_width"))),
         };
         let Some((value, half_width)) = found else {
             return Err(Error::Numerical(format!(

@@ -55,7 +55,7 @@ impl std::fmt::Display for Started {
             Some(sister) => write!(f, "{} {sister}", self.kind),
         }?;
         self.ratio.map_or(Ok(()), |ratio| write!(f, " x {}", m4gn_report::number(ratio, 3)))?;
-        if self.mapped { write!(f, ", mapped") } else { Ok(()) }
+        if self.mapped { write!(f, " mapped") } else { Ok(()) }
     }
 }
 
@@ -64,10 +64,16 @@ impl std::fmt::Display for Started {
 pub struct Figure {
     /// Mean or rms.
     pub value: f64,
-    /// Half-width of its confidence interval.
-    pub half_width: f64,
+    /// Half-width of its confidence interval; none: it is not known to any.
+    pub half_width: Option<f64>,
     /// Whether it is within its tolerance; none: it has none.
     pub known: Option<bool>,
+}
+
+impl std::fmt::Display for Figure {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&m4gn_averages::with_half_width(self.value, self.half_width.unwrap_or(f64::INFINITY)))
+    }
 }
 
 /// Processor seconds of all programs of a run, and the wall time.
@@ -184,7 +190,7 @@ mod tests {
             cost: Cost::default(),
             made_from: of("1"),
         };
-        assert_eq!(record.start.to_string(), "nearest b x 1.25, mapped");
+        assert_eq!(record.start.to_string(), "nearest b x 1.25 mapped");
         write(&dir.path().join(DONE), &record).unwrap();
         assert!(is(&of("1")).starts_with("Done"));
         assert_eq!(is(&of("2")), "Stale(\"case 0/U\")");

@@ -94,7 +94,7 @@ fn results(campaign: &Campaign, runs: &[Run]) -> Result<String> {
             row.extend([
                 quantity.clone(),
                 figure.value.to_string(),
-                figure.half_width.to_string(),
+                figure.half_width.map_or(String::new(), |h| h.to_string()),
                 known,
                 start.clone(),
             ]);
@@ -122,7 +122,8 @@ fn compared(runs: &[Run]) -> Vec<Compared> {
         for (quantity, &figure) in &own.record.quantities {
             let Some(&of_check) = check.record.quantities.get(quantity) else { continue };
             let difference = (figure.value - of_check.value).abs();
-            let holds = difference <= figure.half_width.hypot(of_check.half_width);
+            let half = |f: Figure| f.half_width.unwrap_or(f64::INFINITY);
+            let holds = difference <= half(figure).hypot(half(of_check));
             found.push(Compared {
                 run: own.name.clone(),
                 quantity: quantity.clone(),
@@ -176,13 +177,12 @@ fn page(
         );
         let mut table = Table::new(["run", "quantity", "value", "check", "difference", "holds"]);
         for c in compared {
-            let shown = |f: Figure| m4gn_averages::with_half_width(f.value, f.half_width);
             let holds = if c.holds { "yes" } else { "no" };
             table.row([
                 c.run.clone(),
                 c.quantity.clone(),
-                shown(c.own),
-                shown(c.check),
+                c.own.to_string(),
+                c.check.to_string(),
                 number(c.difference, 3),
                 holds.into(),
             ]);
@@ -217,7 +217,8 @@ fn response(campaign: &Campaign, runs: &[Run], quantity: &str, parameter: usize)
         series.push(Series { dots: true, ..Series::new(name, &x, &y, colour) });
         // A point that is none ends each bar
         let bars = all.iter().flat_map(|(x, f)| {
-            [(*x, f.value - f.half_width), (*x, f.value + f.half_width), (f64::NAN, f64::NAN)]
+            let half = f.half_width.unwrap_or(f64::NAN);
+            [(*x, f.value - half), (*x, f.value + half), (f64::NAN, f64::NAN)]
         });
         series.push(Series {
             points: bars.collect(),
@@ -266,7 +267,7 @@ mod tests {
     use crate::campaign::record::{Cost, Started};
 
     fn run(name: &str, check: bool, value: f64) -> Run {
-        let figure = Figure { value, half_width: 0.3, known: Some(true) };
+        let figure = Figure { value, half_width: Some(0.3), known: Some(true) };
         let record = Record {
             case_name: name.into(),
             parameters: Default::default(),

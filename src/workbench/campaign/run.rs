@@ -177,7 +177,7 @@ fn called(campaign: &Campaign, unit: Unit) -> String {
 pub fn line(record: &Record) -> String {
     let figures = record.quantities.iter().map(|(name, f)| {
         let unknown = if f.known == Some(false) { " (not known)" } else { "" };
-        format!("{name} {}{unknown}", m4gn_averages::with_half_width(f.value, f.half_width))
+        format!("{name} {f}{unknown}")
     });
     let note = record.start.note.as_ref().map_or(String::new(), |n| format!(" ({n})"));
     format!(

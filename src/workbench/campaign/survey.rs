@@ -168,7 +168,7 @@ mod tests {
             std::fs::write(path, text).unwrap();
         }
         let folder = dir.path().to_path_buf();
-        (dir, Source { folder, start: 0.0, end: 1.0, application: "icoFoam".into() })
+        (dir, Source { folder, start: 0.0, end: 1.0, application: "icoFoam".into(), functions: Vec::new() })
     }
 
     #[test]
