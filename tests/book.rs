@@ -163,6 +163,7 @@ fn commands_of_the_book_exist() {
             }
             let path: Vec<&str> = match (*command, words.get(1)) {
                 ("generate", Some(family)) => vec!["generate", known(family)],
+                ("campaign", Some(verb)) => vec!["campaign", verb],
                 _ => vec![command],
             };
             let listed = helps.entry(path.join(" ")).or_insert_with(|| options(&help(&path)));

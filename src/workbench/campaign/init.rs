@@ -238,7 +238,7 @@ held_out = 0.1
 jobs = 1
 time_limit = 86400
 
-# What is to be known, of function objects of the case: `tolerance` is in the quantity's unit, `relative` over it (docs/explanation/means.md)
+# What is to be known, of function objects of the case: `tolerance` is in the quantity's unit, `relative` over it (docs/how-to/know-when-a-mean-is-known.md)
 {quantities}",
         source.end
     ))
