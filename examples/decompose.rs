@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut linear = OnlineDmd::new(
         &Comm::serial(),
         fields,
-        Settings { interval: 1.0, storage: Storage::Double, fit, held: 0 },
+        Settings { interval: 1.0, storage: Storage::Double, fit, held: 0, rest: Vec::new() },
     )?;
     let begun = Instant::now();
     for (k, state) in values.chunks_exact(n).enumerate() {

@@ -32,7 +32,11 @@ fn part(all: &[f64], mine: &[usize]) -> Vec<f64> {
 fn surrogate(comm: &Comm, mine: &[usize], storage: Storage) -> m4gn_base::Result<OnlineDmd> {
     let volumes: Vec<f64> = mine.iter().map(|i| 1.0 + (i % 7) as f64).collect();
     let fields = vec![Array::solved("U", 1, volumes), Array::carried("phi", mine.len())];
-    OnlineDmd::new(comm, fields, Settings { interval: 0.1, storage, fit: FitSettings::default(), held: 0 })
+    OnlineDmd::new(
+        comm,
+        fields,
+        Settings { interval: 0.1, storage, fit: FitSettings::default(), held: 0, rest: Vec::new() },
+    )
 }
 
 fn run(comm: &Comm) -> Vec<String> {

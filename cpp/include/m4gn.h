@@ -500,6 +500,9 @@ typedef struct m4gn_host
  *                                  or below twice the fit's, makes the next jump longer; one above makes it shorter
  *   jump_tolerance     0.02        Largest error of the held-back states, and of a stride beside the solver after a jump, over
  *                                  that of holding the last state
+ *   rest               {}          Fields, each with the change in its unit, root mean square, that counts as none (rest { U
+ *                                  1e-4; }). Errors are over what the flow changes, but at least over this; {}: a
+ *                                  ten-thousandth of the most that a field has changed by since the first state
  *   initial_jump       10          Strides of the first jump of a fit
  *   jump_growth        1.5         How much longer the next jump may be
  *   max_jump           200         Strides of a jump at most, up to a million

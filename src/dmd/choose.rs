@@ -82,7 +82,7 @@ pub struct FieldError {
     pub name: String,
     /// Root mean square of prediction minus solver, over the field's variation in the window.
     pub error: f64,
-    /// The same of the state that the prediction began from: what holding it would be off by.
+    /// The same of the state that the prediction began from: what holding it would be off by, at least the least change that errors are over.
     pub hold: f64,
 }
 
@@ -95,14 +95,14 @@ pub struct Fit {
     pub numbers: Vec<i64>,
     /// Their slots.
     pub(crate) slots: Vec<usize>,
-    /// Mean square of what each field varies by, 0 for those that do not or are not measured.
+    /// Mean square of what each field varies by, at least the least change that errors are over; 0 for those that do not or are not measured.
     pub(crate) variation: Vec<f64>,
     /// Of the held-back tail, over all its snapshots.
     pub tail: Vec<FieldError>,
 }
 
 impl Fit {
-    /// Mean square of what a field varies by; 0 for one that does not.
+    /// Mean square of what a field varies by, at least the least change that errors are over; 0 for one that does not.
     pub fn variation(&self, field: usize) -> f64 {
         self.variation[field]
     }
@@ -170,8 +170,18 @@ struct Candidate {
     predictions: Vec<Vec<f64>>,
 }
 
-/// The best fit of the last snapshots; a later candidate must be clearly better than the ones before, so that rounding chooses none; none where there are too few without a gap, or nothing varies.
-pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings) -> Option<Fit> {
+impl Candidate {
+    /// Of states that are all the same: the tail is the mean of those before.
+    fn still(length: usize, tail: usize) -> Self {
+        let first = length - tail;
+        let shape = Shape { delays: 1, rank: 0, growing: false };
+        Candidate { score: 0.0, shape, length, predictions: vec![vec![1.0 / first as f64; first]; tail] }
+    }
+}
+
+/// The best fit of the last snapshots; a later candidate must be clearly better than the ones before, so that rounding chooses none; none where there are too few without a gap, or nothing has varied.
+/// `least`: of each field the square of the least change that errors are over.
+pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings, least: &[f64]) -> Option<Fit> {
     let all: Vec<(i64, usize)> = snapshots.entries.iter().map(|e| (e.number, e.slot)).collect();
     let gap = all.windows(2).rposition(|p| p[1].0 - p[0].0 != 1).map_or(0, |i| i + 1);
     let stretch = all.len() - gap;
@@ -181,11 +191,17 @@ pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings) -> Option<Fi
     let mut best: Option<Candidate> = None;
     for length in lengths(stretch, settings) {
         let (numbers, slots): (Vec<i64>, Vec<usize>) = all[all.len() - length..].iter().copied().unzip();
-        let variation = variations(snapshots, &slots);
+        let variation = variations(snapshots, &slots, least);
         let whole = window(snapshots, &slots, &numbers, &variation);
+        if whole.is_still() {
+            let moved = variation.iter().any(|v| *v > 0.0);
+            best = moved.then(|| Candidate::still(length, settings.hold_out));
+            break;
+        }
         let part = whole.part(0..length - settings.hold_out);
+        let floor: f64 = variation.iter().zip(least).filter(|(v, _)| **v > 0.0).map(|(v, r)| r / v).sum();
         // Squares of windows of another length are over another variation.
-        let scale = 1.0 / hold(&whole, settings.hold_out);
+        let scale = 1.0 / hold(&whole, settings.hold_out).max(settings.hold_out as f64 * floor);
         let most = settings.svd_rank.iter().copied().max()?;
         for &delays in settings.delays.iter().filter(|q| *q + 2 + settings.hold_out <= length) {
             let Some(delayed) = Delayed::new(&part, delays, most) else {
@@ -216,10 +232,13 @@ pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings) -> Option<Fi
     }
     let Candidate { shape, length, predictions, .. } = best?;
     let (numbers, slots): (Vec<i64>, Vec<usize>) = all[all.len() - length..].iter().copied().unzip();
-    let variation = variations(snapshots, &slots);
+    let variation = variations(snapshots, &slots, least);
     let whole = window(snapshots, &slots, &numbers, &variation);
-    let dmd = Delayed::new(&whole, shape.delays, shape.rank)?.modes(shape.rank, shape.growing)?;
-    let tail = tail_errors(snapshots, &slots, &variation, &predictions);
+    let dmd = match shape.rank {
+        0 => Dmd::still(length),
+        rank => Delayed::new(&whole, shape.delays, rank)?.modes(rank, shape.growing)?,
+    };
+    let tail = tail_errors(snapshots, &slots, &variation, least, &predictions);
     Some(Fit { dmd, numbers, slots, variation, tail })
 }
 
@@ -234,8 +253,8 @@ fn lengths(stretch: usize, settings: &FitSettings) -> Vec<usize> {
     lengths
 }
 
-fn variations(snapshots: &Snapshots, slots: &[usize]) -> Vec<f64> {
-    (0..snapshots.fields().len()).map(|f| snapshots.variation(f, slots)).collect()
+fn variations(snapshots: &Snapshots, slots: &[usize], least: &[f64]) -> Vec<f64> {
+    least.iter().enumerate().map(|(f, least)| snapshots.variation(f, slots).max(*least)).collect()
 }
 
 /// Square of what holding the last state before the tail is off by.
@@ -249,6 +268,7 @@ fn tail_errors(
     snapshots: &Snapshots,
     slots: &[usize],
     variation: &[f64],
+    least: &[f64],
     predictions: &[Vec<f64>],
 ) -> Vec<FieldError> {
     let tail = predictions.len();
@@ -266,12 +286,13 @@ fn tail_errors(
         .map(|(f, field)| {
             let mean = |of: &dyn Fn(&Combination, &Combination) -> f64| {
                 let sum: f64 = pairs.iter().map(|(p, x)| of(p, x)).sum();
-                (sum / tail as f64 / variation[f]).sqrt()
+                sum / tail as f64
             };
+            let over = |square: f64| (square / variation[f]).sqrt();
             FieldError {
                 name: field.name.clone(),
-                error: mean(&|p, x| snapshots.distance(f, p, x)),
-                hold: mean(&|_, x| snapshots.distance(f, &held, x)),
+                error: over(mean(&|p, x| snapshots.distance(f, p, x))),
+                hold: over(mean(&|_, x| snapshots.distance(f, &held, x)).max(least[f])),
             }
         })
         .collect()

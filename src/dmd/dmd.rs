@@ -65,6 +65,12 @@ impl Window {
         &self.products[i * self.m..][..self.m]
     }
 
+    /// Whether its snapshots are all the same.
+    pub fn is_still(&self) -> bool {
+        let square = |i: usize, j: usize| self.row(i)[i] - 2.0 * self.row(i)[j] + self.row(j)[j];
+        (1..self.m).all(|i| square(i, 0) <= 0.0)
+    }
+
     /// Places of delayed states that have a successor.
     fn starts(&self, delays: usize) -> Vec<usize> {
         let follows = |i: &usize| self.numbers[i + delays] - self.numbers[*i] == delays as i64;
@@ -187,6 +193,20 @@ pub struct Dmd {
 }
 
 impl Dmd {
+    /// That of a window of so many snapshots that are all the same: their mean at any time.
+    pub fn still(snapshots: usize) -> Self {
+        Dmd {
+            shape: Shape { delays: 1, rank: 0, growing: false },
+            m: snapshots,
+            starts: Vec::new(),
+            eigenvalues: Vec::new(),
+            raise: Vec::new(),
+            lower: Vec::new(),
+            means: vec![0.0; snapshots],
+            mean: 0.0,
+        }
+    }
+
     /// Eigenvalues of a stride (real and imaginary part): largest first, of a pair the one above the real axis first.
     pub fn eigenvalues(&self) -> &[[f64; 2]] {
         &self.eigenvalues

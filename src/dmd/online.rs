@@ -3,7 +3,7 @@
 use crate::choose::{FieldError, Fit, FitSettings, choose, spread};
 use crate::dmd::Dmd;
 use crate::sampling::{Grid, SAME};
-use crate::snapshots::{Combination, Snapshots, Storage};
+use crate::snapshots::{Combination, Snapshots, Storage, enters};
 use crate::spectrum::Mode;
 use crate::store::{Store, numbers};
 use m4gn_base::{Error, Result};
@@ -14,6 +14,9 @@ use std::cell::RefCell;
 use std::collections::{HashMap, VecDeque};
 use std::path::Path;
 use std::time::Instant;
+
+/// Of what a field has changed by since the first state, what counts as none: it rests.
+const RESTS: f64 = 1e-4;
 
 /// Snapshots beyond the window: those that come while a fit is in use.
 const BESIDE: usize = 8;
@@ -29,6 +32,9 @@ pub struct Settings {
     pub fit: FitSettings,
     /// Snapshots that are kept beside the window while an [`Outlook`] is held.
     pub held: usize,
+    /// Of each field the change that counts as none, in its unit, root mean square over items and solved components; none: a ten-thousandth
+    /// of the most that it has changed by since the first state. Empty: none of them.
+    pub rest: Vec<Option<f64>>,
 }
 
 /// What a fit says of the times after a sample, whatever comes after it.
@@ -60,6 +66,8 @@ pub struct State {
     present: Option<i64>,
     fit: Option<Fit>,
     predicted: VecDeque<Predicted>,
+    /// Of each field the square of the most that it has changed by since the first state.
+    changed: Vec<f64>,
 }
 
 /// What came of taking up a state.
@@ -82,6 +90,8 @@ pub struct OnlineDmd {
     last: Option<(f64, Vec<Vec<f64>>)>,
     /// Snapshots of an outlook that are to stay.
     held: Vec<usize>,
+    /// Of each field the square of a change by 1 of all items and solved components.
+    unit: Vec<f64>,
     /// Where the snapshots are on disk.
     store: RefCell<Option<Store>>,
 }
@@ -100,6 +110,12 @@ impl OnlineDmd {
             ))),
         };
         comm.agree_with(checked, &format!("dmd {settings:?}"))?;
+        let weight = |f: &Array| match f.weights.is_empty() {
+            true => f.items as f64,
+            false => f.weights.iter().sum(),
+        };
+        let mut unit: Vec<f64> = fields.iter().map(|f| weight(f) * f.solved.max(1) as f64).collect();
+        comm.sum_f64(&mut unit);
         let snapshots =
             Snapshots::new(comm, fields, settings.storage, settings.fit.window + settings.held + BESIDE)?;
         Ok(OnlineDmd {
@@ -108,6 +124,7 @@ impl OnlineDmd {
             state: State::default(),
             last: None,
             held: Vec::new(),
+            unit,
             store: RefCell::default(),
         })
     }
@@ -199,7 +216,7 @@ impl OnlineDmd {
         }
         self.snapshots.push(number, state, spare)?;
         if !pinned.is_empty() {
-            self.snapshots.complete();
+            self.complete();
         }
         self.state.present = Some(number);
         let oldest = number - self.most_delays();
@@ -211,10 +228,39 @@ impl OnlineDmd {
         self.settings.fit.delays.iter().max().map_or(1, |d| *d as i64)
     }
 
-    /// Fits the last snapshots; none where there are too few without a gap, or nothing varies. Collective.
-    pub fn fit(&mut self) -> Option<&Fit> {
+    fn complete(&mut self) {
         self.snapshots.complete();
-        self.state.fit = choose(&self.snapshots, &self.settings.fit);
+        self.state.changed.resize(self.unit.len(), 0.0);
+        for (changed, now) in self.state.changed.iter_mut().zip(self.snapshots.changed()) {
+            *changed = changed.max(now);
+        }
+    }
+
+    /// Of each field the least change that errors are over, in its unit, root mean square over items and solved components.
+    pub fn least_changes(&self) -> Vec<f64> {
+        let of = |(f, unit): (usize, &f64)| {
+            let changed = self.state.changed.get(f).unwrap_or(&0.0) / unit.max(f64::MIN_POSITIVE);
+            let given = self.settings.rest.get(f).copied().flatten();
+            given.unwrap_or_else(|| RESTS * changed.sqrt())
+        };
+        self.unit.iter().enumerate().map(of).collect()
+    }
+
+    /// Of each field that is part of the inner product the square of that change, 0 where it is rounding: of what stays as it is nothing counts.
+    fn least(&self) -> Vec<f64> {
+        let all = self.least_changes().into_iter().zip(&self.unit).map(|(least, unit)| least * least * unit);
+        let fields = self.snapshots.fields().iter().enumerate();
+        let counts =
+            |f: usize, field: &Array, square: f64| enters(field) && square > self.snapshots.rounding(f);
+        all.zip(fields)
+            .map(|(square, (f, field))| if counts(f, field, square) { square } else { 0.0 })
+            .collect()
+    }
+
+    /// Fits the last snapshots; none where there are too few without a gap, or nothing has varied. Collective.
+    pub fn fit(&mut self) -> Option<&Fit> {
+        self.complete();
+        self.state.fit = choose(&self.snapshots, &self.settings.fit, &self.least());
         self.state.fit.as_ref()
     }
 
@@ -334,7 +380,8 @@ impl OnlineDmd {
         self.snapshots.clear();
         self.settings.interval = interval;
         let grid = Grid { interval, number, time: (time / interval).floor() * interval };
-        self.state = State { grid: Some(grid), ..State::default() };
+        let changed = std::mem::take(&mut self.state.changed);
+        self.state = State { grid: Some(grid), changed, ..State::default() };
         (self.last, self.held) = (None, Vec::new());
     }
 
@@ -344,11 +391,13 @@ impl OnlineDmd {
         let present = self.state.present?;
         let state = self.snapshots.single(present)?;
         let from = self.at(present - before as i64)?;
+        let least = self.least();
         let fields = self.snapshots.fields().iter().enumerate().zip(&fit.variation);
-        let errors = fields.filter(|(_, v)| **v > 0.0).map(|((f, field), v)| FieldError {
-            name: field.name.clone(),
-            error: (self.snapshots.distance(f, prediction, &state) / v).sqrt(),
-            hold: (self.snapshots.distance(f, &from, &state) / v).sqrt(),
+        let errors = fields.filter(|(_, v)| **v > 0.0).map(|((f, field), v)| {
+            let error = self.snapshots.distance(f, prediction, &state);
+            let change = self.snapshots.distance(f, &from, &state);
+            let over = |square: f64| (square / v).sqrt();
+            FieldError { name: field.name.clone(), error: over(error), hold: over(change.max(least[f])) }
         });
         Some(errors.collect())
     }
@@ -452,7 +501,13 @@ impl OnlineDmd {
         self.settings.interval = state.grid.map_or(self.settings.interval, |grid| grid.interval);
         self.state = match whole {
             true => State { kept: Vec::new(), marks: Vec::new(), ..state },
-            false => State { grid: state.grid, present: state.present, file: state.file, ..State::default() },
+            false => State {
+                grid: state.grid,
+                present: state.present,
+                file: state.file,
+                changed: state.changed,
+                ..State::default()
+            },
         };
         Ok(if said.is_empty() { Restored::Whole } else { Restored::Lost(said) })
     }

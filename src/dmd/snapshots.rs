@@ -416,6 +416,19 @@ impl Snapshots {
         }
     }
 
+    /// Of each field the square of the most that a kept state differs from the first one by.
+    pub(crate) fn changed(&self) -> Vec<f64> {
+        let square =
+            |table: &Vec<f64>, slot: usize| table.get(slot * (self.capacity + 1)).copied().unwrap_or(0.0);
+        let of = |table| self.entries.iter().map(|e| square(table, e.slot)).fold(0.0, f64::max);
+        self.products.iter().map(of).collect()
+    }
+
+    /// Square of a change of field `f` that is rounding of its level.
+    pub(crate) fn rounding(&self, f: usize) -> f64 {
+        f64::EPSILON * f64::EPSILON * 1e4 * self.level.get(f).unwrap_or(&0.0)
+    }
+
     /// A number a state that has its inner products, the same on all ranks: the squares of the reference and of the difference from it, all
     /// fields together.
     pub(crate) fn marks(&self) -> Vec<f64> {
@@ -434,7 +447,7 @@ impl Snapshots {
         let squares: f64 = slots.iter().map(|s| t[s * c + s]).sum::<f64>() / m;
         let mean: f64 =
             slots.iter().map(|a| slots.iter().map(|b| t[a * c + b]).sum::<f64>()).sum::<f64>() / (m * m);
-        let rounding = f64::EPSILON * f64::EPSILON * 1e4 * self.level[f] + 16.0 * f64::EPSILON * squares;
+        let rounding = self.rounding(f) + 16.0 * f64::EPSILON * squares;
         match squares - mean {
             v if v > rounding => v,
             _ => 0.0,

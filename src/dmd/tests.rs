@@ -41,7 +41,7 @@ fn fit() -> FitSettings {
 }
 
 fn settings(fit: FitSettings) -> Settings {
-    Settings { interval: 0.5, storage: Storage::Double, fit, held: 0 }
+    Settings { interval: 0.5, storage: Storage::Double, fit, held: 0, rest: Vec::new() }
 }
 
 fn two(storage: Storage) -> OnlineDmd {
@@ -133,6 +133,75 @@ fn modes_have_the_frequency_the_growth_rate_and_the_share_of_their_waves() {
     // At snapshot 39 the one that stays is the largest, and what it varies by is nearly all: 2^.5 times the root mean square.
     assert!((modes[0].frequency - 1.3 / std::f64::consts::TAU / 0.5).abs() < 1e-6);
     assert!((1.0..1.5).contains(&modes[0].amplitude), "{modes:?}");
+}
+
+/// A number of -1 to 1 for each item and state.
+fn noise(i: usize, k: f64) -> f64 {
+    (43758.5453 * (12.9898 * k + 78.233 * i as f64).sin()).rem_euclid(2.0) - 1.0
+}
+
+#[test]
+fn what_rests_is_measured_over_what_it_has_changed_by_before() {
+    // By state 30 the waves are 1e-6 of what they were, and what is left is noise of a millionth.
+    let waves = Waves::new(&[(0.6, 0.5)]);
+    let state = |k: f64| {
+        let noisy = waves.at(k).into_iter().enumerate().map(|(i, x)| x + 1e-6 * noise(i, k));
+        noisy.collect::<Vec<f64>>()
+    };
+    let fitted = |rest: Vec<Option<f64>>| {
+        let fields = vec![Array::solved("U", 1, vec![1.0; N]), Array::carried("phi", N + 1)];
+        let mut linear =
+            OnlineDmd::new(&Comm::serial(), fields, Settings { rest, ..settings(fit()) }).unwrap();
+        feed(&mut linear, 0..80, state);
+        let tail = linear.fit().unwrap().tail_error();
+        (linear, tail)
+    };
+    let (mut linear, tail) = fitted(Vec::new());
+    assert!(tail < 0.02, "{tail}");
+    // Of the noise itself the fit knows nothing, and where that counts it is said.
+    let (_, tail) = fitted(vec![Some(1e-12), None]);
+    assert!(tail > 0.2, "{tail}");
+    let (other, tail) = fitted(vec![Some(0.1), None]);
+    assert!(tail < 2e-5, "{tail}");
+    assert_eq!(other.least_changes()[0], 0.1);
+    // A thousandth of what there was is no rest: it is off by more than a jump may be.
+    let moved = |k: f64| state(k).into_iter().enumerate().map(|(i, x)| x + 1e-3 * noise(i, 7.0)).collect();
+    let trial = linear.predict(1.0).unwrap();
+    feed(&mut linear, 80..81, moved);
+    let error = relative(&linear.errors(&trial, 1).unwrap());
+    assert!(error > 0.9, "{error}");
+}
+
+#[test]
+fn what_stays_as_it_is_but_for_rounding_has_no_error() {
+    let waves = Waves::new(&[(1.0, 0.5)]);
+    let inlet = Array { role: m4gn_state::Role::Prescribed, ..Array::solved("inlet", 1, vec![1.0; 3]) };
+    let fields = vec![Array::solved("U", 1, vec![1.0; N]), inlet];
+    let mut linear = OnlineDmd::new(&Comm::serial(), fields, settings(fit())).unwrap();
+    for k in 0..40 {
+        let value = 0.2 * (1.0 + f64::EPSILON * f64::from(k % 3));
+        linear.offer(0.5 * f64::from(k), 0.5, &[&waves.at(f64::from(k)), &[value; 3]]).unwrap();
+    }
+    let tail = &linear.fit().unwrap().tail;
+    assert!(tail.len() == 1 && tail[0].name == "U" && tail[0].error < 1e-6, "{tail:?}");
+}
+
+#[test]
+fn states_that_are_all_the_same_are_held_where_something_has_changed_before() {
+    let waves = Waves::new(&[(0.9, 0.5)]);
+    let mut linear = two(Storage::Double);
+    feed(&mut linear, 0..24, |_| waves.at(9.0));
+    assert!(linear.fit().is_none(), "nothing has ever changed");
+    feed(&mut linear, 24..90, |k| waves.at(k.min(30.0)));
+    let fit = linear.fit().unwrap();
+    assert!(fit.dmd.shape.rank == 0 && fit.tail_error() < 1e-9, "{fit:?}");
+    assert!(linear.modes().is_empty());
+    let [u, flux] = predicted(&linear, 300.0);
+    let (own, own_flux) = (waves.at(30.0), phi(&waves.at(30.0)));
+    assert!(largest(&u, &own) < 1e-14 && largest(&flux, &own_flux) < 1e-14);
+    let trial = linear.predict(1.0).unwrap();
+    feed(&mut linear, 90..91, |_| waves.at(9.0));
+    assert!(relative(&linear.errors(&trial, 1).unwrap()) > 0.9, "it is seen when it moves again");
 }
 
 #[test]

@@ -170,7 +170,7 @@ impl<'a> Candidate<'a> {
         let fraction = self.shadow.fraction(step, self.stride());
         let now = advanced(self.surrogate.as_ref(), state);
         let arrays = layout.pick(&self.surrogate.describe().advances);
-        let errors = self.shadow.compare(comm, &arrays, &now, fraction);
+        let mut errors = self.shadow.compare(comm, &arrays, &now, fraction);
         let Some(control) = &mut self.control else {
             return Ok(());
         };
@@ -180,6 +180,8 @@ impl<'a> Candidate<'a> {
         }
         self.measured = Some(row);
         self.fresh = true;
+        let least = self.surrogate.fits().map(|fits| fits.least_changes()).unwrap_or_default();
+        errors.iter_mut().zip(least).for_each(|(e, least)| e.change = e.change.max(least));
         let found = control.measure(&errors);
         self.expected = [control.error(), control.estimate(1)];
         found

@@ -9,7 +9,7 @@ use crate::settings::Mode;
 use crate::surrogate::{Description, FitReport, Fits, Growth, Resumed, Seen, Start, Surrogate};
 use m4gn_base::{Error, Result};
 use m4gn_dmd::{Combination, OnlineDmd, Outlook, Restored, Settings, State, relative};
-use m4gn_state::{Layout, Role, Values};
+use m4gn_state::{Array, Layout, Role, Values};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -73,8 +73,9 @@ impl DmdSurrogate {
         let interval = Interval::first(settings.snapshot_interval, of.start.delta_t);
         // A rollout beside the solver needs the snapshots of its start until its end.
         let held = if observes { settings.window } else { 0 };
-        let own = Settings { interval, storage: settings.storage, fit: settings.fit(), held };
-        let arrays = layout.pick(&places).into_iter().cloned().collect();
+        let arrays: Vec<Array> = layout.pick(&places).into_iter().cloned().collect();
+        let rest = settings.rest(&arrays)?;
+        let own = Settings { interval, storage: settings.storage, fit: settings.fit(), held, rest };
         let online = OnlineDmd::new(comm, arrays, own)?;
         let mut bytes = [online.snapshots().memory() as f64];
         comm.sum_f64(&mut bytes);
@@ -356,6 +357,11 @@ impl Fits for DmdSurrogate {
     fn is_ready(&self, time: f64) -> bool {
         let here = (time - self.now.begin).abs() < 1e-6 * self.description.stride;
         here && self.has_fit() && self.online.predict(1.0).is_some()
+    }
+
+    fn least_changes(&self) -> Vec<f64> {
+        let all = self.online.least_changes();
+        self.description.advances.iter().map(|&array| all[self.own(array)]).collect()
     }
 
     fn seconds_a_snapshot(&self) -> f64 {

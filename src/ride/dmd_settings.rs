@@ -4,6 +4,8 @@ use crate::fit_control::FitRules;
 use m4gn_base::settings;
 use m4gn_base::{Error, Result};
 use m4gn_dmd::{FitSettings, Storage};
+use m4gn_state::Array;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Most strides of a jump: more than any run has, and few enough for a number each.
@@ -35,6 +37,10 @@ settings! {
         pub fit_tolerance: f64 = 0.005;
         /// Largest error of the held-back states, and of a stride beside the solver after a jump, over that of holding the last state.
         pub jump_tolerance: f64 = 0.02;
+        // What is at rest, or nearly, is jumped: a share of what it still changes by would be that of rounding.
+        /// Fields, each with the change in its unit, root mean square, that counts as none (`rest { U 1e-4; }`). Errors are over what the
+        /// flow changes, but at least over this.
+        pub rest: BTreeMap<String, f64> = BTreeMap::new(), "a ten-thousandth of the most that a field has changed by since the first state";
         /// Strides of the first jump of a fit.
         pub initial_jump: usize = 10;
         /// How much longer the next jump may be.
@@ -86,6 +92,11 @@ impl DmdSettings {
                 self.fit_tolerance
             ));
         }
+        if let Some((field, change)) = self.rest.iter().find(|(_, change)| !above(**change)) {
+            return bad(format!(
+                "rest: {field} {change}: expected a change above 0, in the unit of the field"
+            ));
+        }
         if !(self.jump_growth.is_finite() && self.jump_growth >= 1.0) {
             return bad(format!("jumpGrowth {}: expected at least 1", self.jump_growth));
         }
@@ -99,6 +110,25 @@ impl DmdSettings {
             ));
         }
         self.fit().check()
+    }
+
+    /// Of each of these arrays the change that counts as none, where it is given.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a change of what is not measured.
+    pub(crate) fn rest(&self, arrays: &[Array]) -> Result<Vec<Option<f64>>> {
+        let measured = arrays.iter().filter(|a| a.is_measured()).map(|a| a.name.as_str());
+        let measured: Vec<&str> = measured.collect();
+        match self.rest.keys().find(|name| !measured.contains(&name.as_str())) {
+            Some(unknown) => Err(Error::Input(format!(
+                "dmd: rest: {unknown}: expected some of the fields that are advanced and measured, {}",
+                measured.join(", ")
+            ))),
+            None => {
+                let of = |a: &Array| self.rest.get(&a.name).copied().filter(|_| a.is_measured());
+                Ok(arrays.iter().map(of).collect())
+            }
+        }
     }
 
     /// By what it is decided when a fit is used, and how far it jumps.

@@ -14,19 +14,23 @@ mod restarting;
 const CELLS: usize = 12;
 const DELTA_T: f64 = 0.05;
 
-/// Waves of constant size; from `broken` on of another frequency, or at rest where it is negative; with some noise where it is infinite. Noise
-/// alone where it is not a number.
+/// Waves of constant size; from `broken` on of another frequency, or at rest where it is negative, but for noise of a millionth below -100;
+/// with some noise where it is infinite. Noise alone where it is not a number.
 fn solver(time: f64, broken: f64) -> Vec<f64> {
-    if broken < 0.0 {
-        return solver(time.min(-broken), 1e9);
-    }
-    let noise = |i: usize| 43758.5453 * (12.9898 * (time / DELTA_T * 50.0).round() + 78.233 * i as f64).sin();
-    let noise = |i: usize| noise(i).rem_euclid(1.0);
+    let number = |i: usize| 43758.5453 * (12.9898 * (time / DELTA_T * 50.0).round() + 78.233 * i as f64).sin();
+    let noise = (0..CELLS).map(|i| number(i).rem_euclid(1.0));
+    let noisy = |u: Vec<f64>, size: f64| u.iter().zip(noise.clone()).map(|(u, n)| u + size * n).collect();
     if broken.is_nan() {
-        return (0..CELLS).map(noise).collect();
+        return noise.collect();
     }
     if broken.is_infinite() {
-        return solver(time, 1e9).iter().enumerate().map(|(i, u)| u + 0.005 * noise(i)).collect();
+        return noisy(solver(time, 1e9), 0.005);
+    }
+    if broken < -100.0 {
+        return noisy(solver(time, broken + 100.0), 1e-6);
+    }
+    if broken < 0.0 {
+        return solver(time.min(-broken), 1e9);
     }
     let late = (time - broken).max(0.0);
     let x = |i: usize| i as f64 * 0.5;
@@ -491,6 +495,35 @@ fn noise_is_never_jumped() {
 }
 
 #[test]
+fn what_has_come_to_rest_is_jumped() {
+    let mut host = Host::new(SETTINGS, 0.0, 0, 60.0, solver(0.0, -4.0));
+    host.run(-4.0, |_| false);
+    // 24 states after 4 s
+    assert!(host.jumps.len() > 3 && host.solved < 300, "{:?}\n{}", host.jumps, host.log);
+    assert!(largest(&host.u, &solver(4.0, 1e9)) < 1e-12);
+    // Noise below what counts as no change, and noise above it where that is given
+    let mut host = Host::new(SETTINGS, 0.0, 0, 60.0, solver(0.0, -104.0));
+    host.run(-104.0, |_| false);
+    assert!(host.jumps.len() > 3 && host.solved < 300, "{:?}\n{}", host.jumps, host.log);
+    assert!(largest(&host.u, &solver(4.0, 1e9)) < 2e-6);
+    let settings = SETTINGS.replace("\"initialJump\"", "\"rest\": {\"u\": 1e-9}, \"initialJump\"");
+    let mut host = Host::new(&settings, 0.0, 0, 30.0, solver(0.0, -104.0));
+    host.run(-104.0, |_| false);
+    assert!(host.jumps.is_empty(), "{:?}\n{}", host.jumps, host.log);
+    let settings = SETTINGS.replace("\"initialJump\"", "\"rest\": {\"T\": 1}, \"initialJump\"");
+    let settings = RideSettings::parse(&settings).unwrap();
+    let guest = Guest {
+        layout: layout(),
+        network: None,
+        ahead: None,
+        global: (0..CELLS as i64).collect(),
+        owners: Vec::new(),
+    };
+    let said = Ride::new(Comm::serial(), guest, settings, step(0.0, 0, 9.0)).err().map(|e| e.to_string());
+    assert!(said.is_some_and(|said| said.contains("rest: T: expected some of the fields")));
+}
+
+#[test]
 fn settings_that_cannot_be_are_named() {
     for (dmd, words) in [
         (r#"{"snapshotInterval": 0}"#, "snapshotInterval"),
@@ -501,6 +534,7 @@ fn settings_that_cannot_be_are_named() {
         (r#"{"holdOut": 18446744073709551615}"#, "minSnapshots"),
         (r#"{"minSnapshots": 3}"#, "minSnapshots"),
         (r#"{"windo": 3}"#, "window"),
+        (r#"{"rest": {"U": 0}}"#, "rest: U 0"),
     ] {
         let text = format!(r#"{{"mode": "replace", "surrogates": ["dmd"], "dmd": {dmd}}}"#);
         let error = RideSettings::parse(&text).unwrap_err().to_string();

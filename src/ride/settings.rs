@@ -74,7 +74,7 @@ impl RideSettings {
     /// # Errors
     /// [`Error::Input`] naming the entry, what was found and what is expected.
     pub fn parse(text: &str) -> Result<Self> {
-        let mut read: Self = settings::parse("ride", text, &[])?;
+        let mut read: Self = settings::parse("ride", text, &["rest"])?;
         if read.has("dmd") {
             let dmd = read.dmd.get_or_insert_default();
             // How far each goes it says itself, once it is measured beside the solver.

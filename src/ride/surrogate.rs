@@ -189,6 +189,9 @@ pub trait Fits {
     /// Whether a stride can be taken from the state at this time, s.
     fn is_ready(&self, time: f64) -> bool;
 
+    /// Of each array that it advances the least change that errors are over, root mean square over nodes and solved components.
+    fn least_changes(&self) -> Vec<f64>;
+
     /// Wall time that each snapshot adds to a stride, s. Collective.
     fn seconds_a_snapshot(&self) -> f64;
 

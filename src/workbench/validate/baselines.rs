@@ -69,7 +69,7 @@ fn dmd(scene: &Scene) -> Result<Prediction> {
     // A trajectory has no jumps, whose first states a longer window would leave behind.
     let fit = FitSettings { min_snapshots: 24, ..FitSettings::default() };
     let every = fit.hold_out;
-    let settings = Settings { interval: stride, storage: Storage::Single, fit, held: 0 };
+    let settings = Settings { interval: stride, storage: Storage::Single, fit, held: 0, rest: Vec::new() };
     let fields =
         (0..scene.n_fields()).map(|k| Array::solved(&k.to_string(), scene.width(k), scene.volumes()));
     let mut fitted = OnlineDmd::new(&Comm::serial(), fields.collect(), settings)?;
