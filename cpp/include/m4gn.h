@@ -503,6 +503,8 @@ typedef struct m4gn_host
  *   rest               {}          Fields, each with the change in its unit, root mean square, that counts as none (rest { U
  *                                  1e-4; }). Errors are over what the flow changes, but at least over this; {}: a
  *                                  ten-thousandth of the most that a field has changed by since the first state
+ *   cut_transient      false       Whether a start-up is cut short: a wave that grows or falls is brought to the size that it
+ *                                  will have. What comes out is no copy of the plain run before it has settled
  *   initial_jump       10          Strides of the first jump of a fit
  *   jump_growth        1.5         How much longer the next jump may be
  *   max_jump           200         Strides of a jump at most, up to a million

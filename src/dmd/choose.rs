@@ -138,7 +138,7 @@ pub(crate) fn window(snapshots: &Snapshots, slots: &[usize], numbers: &[i64], va
 }
 
 /// Squares of prediction minus state and of holding over the tail: the first `window.len() - tail` snapshots predict the others.
-fn score(window: &Window, dmd: &Dmd, tail: usize) -> (f64, Vec<Vec<f64>>) {
+pub(crate) fn score(window: &Window, dmd: &Dmd, tail: usize) -> (f64, Vec<Vec<f64>>) {
     let first = window.len() - tail;
     let history: Vec<&[f64]> = (first - dmd.shape.delays..first).map(|i| &window.row(i)[..first]).collect();
     let amplitudes = dmd.amplitudes(&history);
@@ -253,12 +253,12 @@ fn lengths(stretch: usize, settings: &FitSettings) -> Vec<usize> {
     lengths
 }
 
-fn variations(snapshots: &Snapshots, slots: &[usize], least: &[f64]) -> Vec<f64> {
+pub(crate) fn variations(snapshots: &Snapshots, slots: &[usize], least: &[f64]) -> Vec<f64> {
     least.iter().enumerate().map(|(f, least)| snapshots.variation(f, slots).max(*least)).collect()
 }
 
 /// Square of what holding the last state before the tail is off by.
-fn hold(window: &Window, tail: usize) -> f64 {
+pub(crate) fn hold(window: &Window, tail: usize) -> f64 {
     let a = window.len() - tail - 1;
     let square = |b: usize| window.row(a)[a] - 2.0 * window.row(a)[b] + window.row(b)[b];
     (a + 1..window.len()).map(square).sum::<f64>().max(f64::MIN_POSITIVE)

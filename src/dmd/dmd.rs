@@ -207,6 +207,11 @@ impl Dmd {
         }
     }
 
+    /// Snapshots of its window.
+    pub fn snapshots(&self) -> usize {
+        self.m
+    }
+
     /// Eigenvalues of a stride (real and imaginary part): largest first, of a pair the one above the real axis first.
     pub fn eigenvalues(&self) -> &[[f64; 2]] {
         &self.eigenvalues

@@ -1,14 +1,16 @@
 //! The surrogate: states of a run go in at uniform times; what a fit of them says of later times comes out.
 
-use crate::choose::{FieldError, Fit, FitSettings, choose, spread};
+use crate::choose::{FieldError, Fit, FitSettings, choose, spread, variations, window};
 use crate::dmd::Dmd;
 use crate::sampling::{Grid, SAME};
+use crate::settle::{Look, Settle, Turn};
 use crate::snapshots::{Combination, Snapshots, Storage, enters};
 use crate::spectrum::Mode;
 use crate::store::{Store, numbers};
+use crate::wave::leading;
 use m4gn_base::{Error, Result};
 use m4gn_parallel::Comm;
-use m4gn_state::Array;
+use m4gn_state::{Array, Role};
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
 use std::collections::{HashMap, VecDeque};
@@ -38,7 +40,7 @@ pub struct Settings {
 }
 
 /// What a fit says of the times after a sample, whatever comes after it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outlook {
     dmd: Dmd,
     amplitudes: Vec<[f64; 2]>,
@@ -262,6 +264,45 @@ impl OnlineDmd {
         self.complete();
         self.state.fit = choose(&self.snapshots, &self.settings.fit, &self.least());
         self.state.fit.as_ref()
+    }
+
+    /// No mode of the fits from here on grows.
+    pub fn keep_size(&mut self) {
+        self.settings.fit.unstable_modes = Some(false);
+    }
+
+    /// A look at the last states for the wave that grows or falls, where one is due, and what the run goes on with where it is to be changed:
+    /// how it would go on as it is, and with the change. Nothing is seen where prescribed values have changed. Collective.
+    pub fn settle(&mut self, settle: &mut Settle) -> (Look, Option<[Outlook; 2]>) {
+        if !settle.looks(self.stretch()) {
+            return (Look::default(), None);
+        }
+        self.complete();
+        let passed = settle.passes();
+        let seen = (self.stretch() - passed).clamp(Settle::STATES, Settle::MOST);
+        let entries = &self.snapshots.entries[self.snapshots.entries.len() - seen..];
+        let (numbers, slots): (Vec<i64>, Vec<usize>) = entries.iter().map(|e| (e.number, e.slot)).unzip();
+        let mut fields = self.snapshots.fields().iter().enumerate();
+        if fields.any(|(f, a)| a.role == Role::Prescribed && self.snapshots.variation(f, &slots) > 0.0) {
+            return (Look::default(), None);
+        }
+        if settle.scale.is_empty() {
+            settle.scale = variations(&self.snapshots, &slots, &self.least());
+        }
+        let whole = window(&self.snapshots, &slots, &numbers, &settle.scale);
+        let look = settle.look(&whole);
+        let Turn::Change(factor) = look.turn else { return (look, None) };
+        let last = whole.part(whole.len() - Settle::WINDOW..whole.len());
+        let found = leading(&last).map(|(dmd, amplitudes, angle)| {
+            let slots = slots[slots.len() - dmd.snapshots()..].to_vec();
+            let raised = dmd.raised(&amplitudes, angle, factor);
+            [amplitudes, raised].map(|amplitudes| Outlook {
+                dmd: dmd.clone(),
+                amplitudes,
+                slots: slots.clone(),
+            })
+        });
+        (look, found)
     }
 
     /// Strides from the present sample to a time; none: there is no sample yet.

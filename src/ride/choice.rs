@@ -63,6 +63,13 @@ impl Ride<'_> {
         if step.index - self.handed_back < self.schedule.solver_steps {
             return Ok(None);
         }
+        if let Some(cuts) = self.candidates.iter().position(|c| c.surrogate.fits().is_some_and(|f| f.cuts()))
+        {
+            return Ok(Some(self.jump_of(cuts, 1, "start_up")));
+        }
+        if self.candidates.iter().any(|c| c.surrogate.fits().is_some_and(|f| f.waits())) {
+            return Ok(None);
+        }
         let turn = self.turn();
         // What was measured before another's turn says nothing of the next one.
         let others = self.candidates.iter_mut().enumerate().filter(|(i, _)| Some(*i) != turn);
@@ -90,19 +97,24 @@ impl Ride<'_> {
             return Ok(None);
         }
         let candidate = &self.candidates[turn];
-        Ok(Some(Jump {
-            surrogate: turn,
+        let expected = candidate.control.as_ref().map(|_| candidate.expected);
+        Ok(Some(Jump { expected, ..self.jump_of(turn, strides, limited) }))
+    }
+
+    fn jump_of(&self, surrogate: usize, strides: usize, limited: &'static str) -> Jump {
+        Jump {
+            surrogate,
             strides,
             done: 0,
             gone: 0.0,
             carried_on: false,
-            delta_t: step.delta_t,
+            delta_t: self.step.delta_t,
             over: false,
             cut: None,
             began: self.totals.seconds,
             limited,
-            expected: candidate.control.as_ref().map(|_| candidate.expected),
-        }))
+            expected: None,
+        }
     }
 
     /// Who a surrogate is, in messages.

@@ -8,14 +8,14 @@ use crate::schedule::Step;
 use crate::settings::Mode;
 use crate::surrogate::{Description, FitReport, Fits, Growth, Resumed, Seen, Start, Surrogate};
 use m4gn_base::{Error, Result};
-use m4gn_dmd::{Combination, OnlineDmd, Outlook, Restored, Settings, State, relative};
+use m4gn_dmd::{Combination, OnlineDmd, Outlook, Restored, Settings, Settle, State, relative};
 use m4gn_state::{Array, Layout, Role, Values};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
 
 /// What rounding makes of a number of strides, s/s.
-fn rounded(strides: f64) -> f64 {
+pub(crate) fn rounded(strides: f64) -> f64 {
     // The times of a run that is carried on have other last bits, and what is predicted has not.
     (strides * 1e9).round() / 1e9
 }
@@ -23,7 +23,7 @@ fn rounded(strides: f64) -> f64 {
 /// What is kept for a run that is carried on, beside the snapshots.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct RestartState {
+pub(crate) struct RestartState {
     fit: State,
     /// Strides of the jump that is going on, whole or not.
     ahead: f64,
@@ -33,18 +33,22 @@ struct RestartState {
     /// Whether the next snapshot is the first one after a jump.
     jumped: bool,
     interval: Interval,
+    /// What is known of the wave of the start-up, the change that is due, and how the run would have gone on without the last one.
+    pub settle: Settle,
+    pub cut: Option<Outlook>,
+    pub before: Option<Outlook>,
 }
 
 /// The decomposition in a run.
 pub struct DmdSurrogate {
-    description: Description,
+    pub(crate) description: Description,
     layout: Arc<Layout>,
     /// Of each array that a fit knows its place in the layout.
     places: Vec<usize>,
-    online: OnlineDmd,
+    pub(crate) online: OnlineDmd,
     settings: DmdSettings,
     rules: FitRules,
-    now: RestartState,
+    pub(crate) now: RestartState,
     predicted: Option<Combination>,
     /// Strides that it is ahead of where it was predicted from.
     taken: f64,
@@ -72,7 +76,11 @@ impl DmdSurrogate {
         let advances = layout.measured();
         let interval = Interval::first(settings.snapshot_interval, of.start.delta_t);
         // A rollout beside the solver needs the snapshots of its start until its end.
-        let held = if observes { settings.window } else { 0 };
+        let held = match observes {
+            true => settings.window,
+            false if settings.cut_transient => Settle::STATES,
+            false => 0,
+        };
         let arrays: Vec<Array> = layout.pick(&places).into_iter().cloned().collect();
         let rest = settings.rest(&arrays)?;
         let own = Settings { interval, storage: settings.storage, fit: settings.fit(), held, rest };
@@ -199,7 +207,7 @@ impl Surrogate for DmdSurrogate {
 
     fn predict(&mut self, start: Start, next: &mut Values) -> Result<()> {
         let taken = start.duration / self.description.stride;
-        let prediction = self.online.predict(rounded(self.now.offset + self.now.ahead + taken));
+        let prediction = self.later(self.now.offset + self.now.ahead + taken);
         let prediction =
             prediction.ok_or_else(|| Error::Numerical("dmd has no fit to predict with".into()))?;
         if let Some(ahead) = start.ahead {
@@ -228,9 +236,17 @@ impl Surrogate for DmdSurrogate {
         let strides = (time - self.now.begin) / self.description.stride;
         self.now.begin = time;
         let ahead = rounded(self.now.offset + std::mem::take(&mut self.now.ahead));
-        // What another surrogate has made is no state of the solver.
-        if !(own && self.online.jump(ahead, time, self.delta_t)) {
+        if self.now.cut.take().is_some() && own {
             self.online.break_off();
+            if !self.now.settle.is_open() {
+                self.release();
+            }
+        } else {
+            // What another surrogate has made is no state of the solver.
+            if !(own && self.online.jump(ahead, time, self.delta_t)) {
+                self.online.break_off();
+            }
+            self.release();
         }
         self.now.offset = self.online.since(time).unwrap_or(0.0).max(0.0);
         self.now.jumped = true;
@@ -269,6 +285,10 @@ impl Surrogate for DmdSurrogate {
                 self.description.stride = self.online.settings().interval;
                 self.now = RestartState { fit: State::default(), ..kept };
                 self.delta_t = at.step.delta_t;
+                self.online.hold(self.now.before.as_ref());
+                if self.now.settle.has_settled() {
+                    self.online.keep_size();
+                }
                 if at.solves {
                     let arrays: Vec<&[f64]> = self.places.iter().map(|&i| at.state[i]).collect();
                     self.online.stand(at.step.time, at.step.delta_t, &arrays);
@@ -300,13 +320,14 @@ impl Fits for DmdSurrogate {
         self.now.interval.step(step.delta_t);
     }
 
-    fn observe(&mut self, step: &Step, state: &[&[f64]]) -> Result<Seen> {
+    fn observe(&mut self, step: &Step, state: &[&[f64]], cuts: bool) -> Result<Seen> {
         let interval = self.other_interval(step.delta_t);
         if let Some(interval) = interval {
             self.online.begin_anew(interval, step.time);
             self.description.stride = interval;
             (self.now.ahead, self.now.offset, self.now.jumped) = (0.0, 0.0, false);
             self.rollout = None;
+            (self.now.settle, self.now.cut, self.now.before) = (Settle::default(), None, None);
         }
         let period = self.now.interval.period();
         let outlook = self.online.outlook();
@@ -322,7 +343,22 @@ impl Fits for DmdSurrogate {
             let trial = self.online.later(&outlook, snapshots as f64);
             (self.online.errors(&trial, snapshots).map_or(f64::INFINITY, |e| relative(&e)), jumped)
         });
-        Ok(Seen { interval, period, snapshots, contiguous: self.online.stretch(), error })
+        let wave = if cuts && self.settings.cut_transient { self.look() } else { None };
+        Ok(Seen { interval, period, snapshots, contiguous: self.online.stretch(), error, wave })
+    }
+
+    fn cuts(&self) -> bool {
+        self.now.cut.is_some()
+    }
+
+    fn leave_uncut(&mut self) {
+        if self.now.cut.take().is_some() {
+            self.release();
+        }
+    }
+
+    fn waits(&self) -> bool {
+        self.settings.cut_transient && self.now.settle.waits()
     }
 
     fn fit(&mut self) -> Option<FitReport> {
@@ -388,7 +424,7 @@ impl Fits for DmdSurrogate {
             )));
         }
         let present = self.now.offset + self.now.ahead;
-        let state = self.online.predict(rounded(present - before / self.description.stride));
+        let state = self.later(present - before / self.description.stride);
         let state = state.ok_or_else(|| Error::Input("dmd: nothing was predicted".into()))?;
         for (f, &array) in self.places.iter().enumerate() {
             if self.layout.arrays()[array].role != Role::Prescribed {

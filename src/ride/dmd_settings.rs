@@ -3,7 +3,7 @@
 use crate::fit_control::FitRules;
 use m4gn_base::settings;
 use m4gn_base::{Error, Result};
-use m4gn_dmd::{FitSettings, Storage};
+use m4gn_dmd::{FitSettings, Settle, Storage};
 use m4gn_state::Array;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -41,6 +41,9 @@ settings! {
         /// Fields, each with the change in its unit, root mean square, that counts as none (`rest { U 1e-4; }`). Errors are over what the
         /// flow changes, but at least over this.
         pub rest: BTreeMap<String, f64> = BTreeMap::new(), "a ten-thousandth of the most that a field has changed by since the first state";
+        /// Whether a start-up is cut short: a wave that grows or falls is brought to the size that it will have. What comes out is no copy of
+        /// the plain run before it has settled.
+        pub cut_transient: bool = false;
         /// Strides of the first jump of a fit.
         pub initial_jump: usize = 10;
         /// How much longer the next jump may be.
@@ -107,6 +110,13 @@ impl DmdSettings {
             return bad(format!(
                 "initialJump {}, maxJump {}, refitInterval {}: expected at least 1 stride each, and maxJump from initialJump to {LONGEST}",
                 self.initial_jump, self.max_jump, self.refit_interval
+            ));
+        }
+        if self.cut_transient && self.window < Settle::STATES {
+            return bad(format!(
+                "window {}: expected at least {} states with cutTransient",
+                self.window,
+                Settle::STATES
             ));
         }
         self.fit().check()

@@ -10,6 +10,7 @@ use std::rc::Rc;
 use std::sync::Arc;
 
 mod restarting;
+mod start_up;
 
 const CELLS: usize = 12;
 const DELTA_T: f64 = 0.05;
@@ -17,7 +18,8 @@ const DELTA_T: f64 = 0.05;
 /// Waves of constant size; from `broken` on of another frequency, or at rest where it is negative, but for noise of a millionth below -100;
 /// with some noise where it is infinite. Noise alone where it is not a number.
 fn solver(time: f64, broken: f64) -> Vec<f64> {
-    let number = |i: usize| 43758.5453 * (12.9898 * (time / DELTA_T * 50.0).round() + 78.233 * i as f64).sin();
+    let number =
+        |i: usize| 43758.5453 * (12.9898 * (time / DELTA_T * 50.0).round() + 78.233 * i as f64).sin();
     let noise = (0..CELLS).map(|i| number(i).rem_euclid(1.0));
     let noisy = |u: Vec<f64>, size: f64| u.iter().zip(noise.clone()).map(|(u, n)| u + size * n).collect();
     if broken.is_nan() {
@@ -44,6 +46,9 @@ fn flux(u: &[f64]) -> Vec<f64> {
     (0..CELLS).map(|i| u[i] - u[(i + 1) % CELLS]).collect()
 }
 
+/// A step of a solver that goes on from the state that it is given.
+type Advance = fn(&[f64]) -> Vec<f64>;
+
 struct Host {
     ride: Ride<'static>,
     time: f64,
@@ -65,6 +70,8 @@ struct Host {
     looks: f64,
     /// Largest error of a state of a jump.
     worst: f64,
+    /// A solver that goes on from the state that it is given; none: `solver`.
+    own: Option<Advance>,
 }
 
 /// A network's place: the solver a stride later, but for a hundredth.
@@ -148,6 +155,7 @@ impl Host {
             delta_t,
             looks,
             worst,
+            own: None,
         }
     }
 
@@ -167,8 +175,8 @@ impl Host {
         while self.time < self.end - 0.5 * DELTA_T {
             self.index += 1;
             self.time += (self.delta_t)(self.time);
-            // The solver goes on from where it is: its waves have no memory but the time.
-            self.u = solver(self.time, broken);
+            // Waves that have no memory but the time
+            self.u = self.own.map_or_else(|| solver(self.time, broken), |own| own(&self.u));
             self.phi = flux(&self.u);
             self.solved += 1;
             let now = self.now();

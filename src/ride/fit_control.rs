@@ -7,7 +7,7 @@
 use crate::decisions::Decisions;
 use crate::interval::LEAST_ENERGY;
 use crate::schedule::Step;
-use crate::surrogate::{FitReport, Fits};
+use crate::surrogate::{Cut, FitReport, Fits, Wave};
 use crate::tables::Digits;
 use m4gn_base::Result;
 use m4gn_dmd::Mode;
@@ -100,15 +100,15 @@ impl FitControl {
         self.jumped_by_others += strides;
     }
 
-    /// Takes the state after a step of the solver. Says what came of it. Collective.
+    /// Takes the state after a step of the solver; `cuts`: a stride may begin here that cuts the start-up short. Says what came of it. Collective.
     pub fn observe(
         &mut self,
         fits: &mut dyn Fits,
         step: &Step,
-        state: &[&[f64]],
+        (state, cuts): (&[&[f64]], bool),
         decisions: &mut Decisions,
     ) -> Result<String> {
-        let seen = fits.observe(step, state)?;
+        let seen = fits.observe(step, state, cuts)?;
         let mut said = String::new();
         if let Some(interval) = seen.interval {
             (self.tried, self.length) = (0, fits.rules().initial_jump as f64);
@@ -127,6 +127,15 @@ impl FitControl {
         }
         if let Some((error, jumped)) = seen.error {
             said += &self.compare(fits, step, (error, jumped), decisions);
+        }
+        if let Some(wave) = &seen.wave {
+            said += &of_the_wave(wave, step, decisions);
+        }
+        if fits.cuts() {
+            // The window begins anew.
+            (self.tried, self.contiguous) = (0, 0);
+            self.errors.clear();
+            return Ok(said);
         }
         self.tried += seen.snapshots;
         self.contiguous = seen.contiguous;
@@ -262,6 +271,48 @@ impl FitControl {
         decisions.tell(step, "fit_stride", &decided);
         said + "\n\n"
     }
+}
+
+/// Tells what is done about the wave of the start-up. Says it, for people.
+fn of_the_wave(wave: &Wave, step: &Step, decisions: &mut Decisions) -> String {
+    let digits = Digits(3);
+    let (decision, factor) = match (wave.cut, wave.kept) {
+        (Cut::Changed(factor), _) => ("changed", Some(factor)),
+        (Cut::Undone(_), _) => ("undone", None),
+        (Cut::Settled, _) => ("settled", None),
+        (Cut::None, Some(_)) => ("kept", None),
+        (Cut::None, None) => ("seen", None),
+    };
+    let [frequency, growth] = wave.figures.map_or([None; 2], |f| f.map(Some));
+    let decided = json!({
+        "decision": decision, "kept": wave.kept, "frequency": frequency, "growth_rate": growth, "amplitude": wave.amplitude, "factor": factor,
+    });
+    decisions.tell(step, "start_up", &decided);
+    let figures = match wave.figures {
+        Some([frequency, growth]) => format!(
+            "a wave of period {} s, growth {} 1/s, amplitude {}",
+            digits.of(1.0 / frequency),
+            digits.of(growth),
+            digits.of(wave.amplitude.unwrap_or(0.0))
+        ),
+        None => "no wave is clear".into(),
+    };
+    let kept = if wave.kept == Some(true) { ": the last change is kept" } else { "" };
+    let done = match wave.cut {
+        Cut::Changed(factor) => format!(
+            ": its amplitude is brought to {}, {} times as much",
+            digits.of(factor * wave.amplitude.unwrap_or(0.0)),
+            digits.of(factor)
+        ),
+        Cut::Undone(last) => {
+            let more = if last { ", and it is left alone from here on" } else { "" };
+            format!(": the last change has not bettered it; the state before is taken up again{more}")
+        }
+        Cut::Settled => ": it stays as it is, and no more is changed".into(),
+        Cut::None if wave.kept.is_none() => return String::new(),
+        Cut::None => String::new(),
+    };
+    format!("m4gn: time {}: start-up: {figures}{kept}{done}\n\n", step.name)
 }
 
 fn as_data(report: &FitReport, rules: &FitRules) -> Value {

@@ -99,7 +99,9 @@ impl Ride<'_> {
         self.log.not_finite(&self.step.name, bad.clone());
         jump.cut = bad;
         let advances = candidate.describe().advances.clone();
-        if let Some(control) = candidate.control.as_ref().filter(|_| jump.cut.is_none()) {
+        // What cuts a start-up short changes more than the solver does.
+        let cuts = candidate.surrogate.fits().is_some_and(|fits| fits.cuts());
+        if let Some(control) = candidate.control.as_ref().filter(|_| jump.cut.is_none() && !cuts) {
             let pairs = predicted.iter().zip(&old);
             let changes = pairs.map(|(new, old)| new.iter().zip(old).map(|(a, b)| a - b));
             let picked = self.layout.pick(&advances);
@@ -153,6 +155,9 @@ impl Ride<'_> {
         self.tell_ended(&jump, why);
         if jump.is_new() {
             self.phase = Phase::Solving;
+            if let Some(fits) = self.candidates[jump.surrogate].surrogate.fits_mut() {
+                fits.leave_uncut();
+            }
             if let Some(cut) = &jump.cut {
                 let who = self.who(jump.surrogate);
                 self.log.text += &format!("m4gn: no jump at time {}: {who}: {cut}\n\n", self.step.name);

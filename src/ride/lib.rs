@@ -29,6 +29,7 @@ mod saved;
 mod schedule;
 mod settings;
 mod shadow;
+mod start_up;
 mod surrogate;
 mod tables;
 #[cfg(test)]

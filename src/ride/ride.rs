@@ -288,13 +288,17 @@ impl<'a> Ride<'a> {
         self.step = step;
         if let Some(state) = state.filter(|_| wanted) {
             self.keep(state);
+            let replaces = self.is_on(&self.step) && self.settings.mode == Mode::Replace;
+            let cuts = replaces && self.step.index - self.handed_back >= self.schedule.solver_steps;
             for candidate in &mut self.candidates {
                 let stride = candidate.stride();
+                let cuts = cuts && self.schedule.fits(&self.step, self.step.delta_t, stride, 1.0);
                 if let (Some(control), Some(fits)) =
                     (&mut candidate.fit_control, candidate.surrogate.fits_mut())
                     && fits.wants(&self.step)
                 {
-                    self.log.text += &control.observe(fits, &self.step, state, &mut self.decisions)?;
+                    self.log.text +=
+                        &control.observe(fits, &self.step, (state, cuts), &mut self.decisions)?;
                 }
                 if candidate.stride() != stride {
                     candidate.begin_anew();

@@ -136,6 +136,34 @@ pub struct Seen {
     /// Error of what the fit predicted from the last snapshot before, over that of holding it, and whether that follows a jump; none: there
     /// was no fit.
     pub error: Option<(f64, bool)>,
+    /// What a look at the wave of the start-up has shown.
+    pub wave: Option<Wave>,
+}
+
+/// What a fit does about a wave that grows or falls in the start-up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Cut {
+    /// It is seen, and nothing is done.
+    None,
+    /// Its amplitude is changed by this factor from here on.
+    Changed(f64),
+    /// The state before the last change is taken up again; the flag: no other one follows.
+    Undone(bool),
+    /// It stays as it is: nothing more is done.
+    Settled,
+}
+
+/// The wave of the start-up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wave {
+    /// What is done about it.
+    pub cut: Cut,
+    /// Whether the last change is kept, where that is decided here.
+    pub kept: Option<bool>,
+    /// Hz, and growth of its amplitude, 1/s; none: nothing is clear.
+    pub figures: Option<[f64; 2]>,
+    /// Its amplitude, over the root mean square of what the fields varied by when it was first looked for.
+    pub amplitude: Option<f64>,
 }
 
 /// A fit, and what it was chosen by.
@@ -171,11 +199,20 @@ pub trait Fits {
         let _ = step;
     }
 
-    /// Takes the state after a step of the solver.
+    /// Takes the state after a step of the solver. `cuts`: a stride may begin here that cuts the start-up short.
     ///
     /// # Errors
     /// [`Error::Input`](m4gn_base::Error::Input) for a state that does not fit.
-    fn observe(&mut self, step: &Step, state: &[&[f64]]) -> Result<Seen>;
+    fn observe(&mut self, step: &Step, state: &[&[f64]], cuts: bool) -> Result<Seen>;
+
+    /// Whether a stride is due that changes the state: the start-up is cut short.
+    fn cuts(&self) -> bool;
+
+    /// That stride is not taken.
+    fn leave_uncut(&mut self);
+
+    /// Whether the start-up is being cut short, so that no jump in time is to come in between.
+    fn waits(&self) -> bool;
 
     /// Fits the last snapshots; none where there are too few without a gap, or nothing varies.
     fn fit(&mut self) -> Option<FitReport>;

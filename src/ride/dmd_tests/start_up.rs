@@ -1,0 +1,140 @@
+//! Start-ups cut short: a wave whose amplitude follows Stuart and Landau, `dA/dt = s A (1 - A^2)`, in closed form from any state.
+
+use super::*;
+use std::f64::consts::TAU;
+
+const GROWTH: f64 = 0.1;
+const PERIOD: f64 = 1.4;
+
+fn pattern(i: usize, part: usize) -> f64 {
+    (TAU * i as f64 / CELLS as f64 + part as f64 * TAU / 4.0).cos()
+}
+
+/// Amplitudes of the two patterns that the wave alternates between.
+fn parts(u: &[f64]) -> [f64; 2] {
+    [0, 1]
+        .map(|part| u.iter().enumerate().map(|(i, u)| u * pattern(i, part)).sum::<f64>() / (CELLS / 2) as f64)
+}
+
+fn amplitude(u: &[f64]) -> f64 {
+    let [a, b] = parts(u);
+    a.hypot(b)
+}
+
+fn state([a, b]: [f64; 2]) -> Vec<f64> {
+    (0..CELLS).map(|i| 3.0 + a * pattern(i, 0) + b * pattern(i, 1)).collect()
+}
+
+/// A step of the solver from this state.
+fn advance(u: &[f64]) -> Vec<f64> {
+    let [a, b] = parts(u);
+    let square = a * a + b * b;
+    let now = (1.0 + (1.0 / square - 1.0) * (-2.0 * GROWTH * DELTA_T).exp()).powf(-0.5) / square.sqrt();
+    let (sin, cos) = (TAU * DELTA_T / PERIOD).sin_cos();
+    state([now * (a * cos - b * sin), now * (a * sin + b * cos)])
+}
+
+fn settings(cut: bool) -> String {
+    // Jumps in time are not what is looked at.
+    let more = format!(
+        "\"cutTransient\": {cut}, \"window\": 24, \"jumpTolerance\": 1e-12, \"fitTolerance\": 1e-12, \"initialJump\""
+    );
+    SETTINGS.replace("\"initialJump\"", &more)
+}
+
+/// A run, and the time from which its amplitude stays within a fiftieth of 1.
+fn run(settings: &str, first: f64) -> (Host, f64) {
+    let mut host = Host::new(settings, 0.0, 0, 60.0, state([first, 0.0]));
+    host.own = Some(advance);
+    let settled = Cell::new(0.0);
+    host.run(0.0, |host| {
+        if (amplitude(&host.u) - 1.0).abs() > 0.02 {
+            settled.set(host.time);
+        }
+        false
+    });
+    (host, settled.get())
+}
+
+#[test]
+fn a_wave_that_grows_settles_earlier_and_is_the_same() {
+    let (plain, late) = run(&settings(false), 0.1);
+    assert!(plain.jumps.is_empty() && (late - 38.7).abs() < 1.0, "{late} {:?}", plain.jumps);
+    let (host, early) = run(&settings(true), 0.1);
+    assert!(early < 0.6 * late, "{early} of {late}\n{}", host.log);
+    assert!((amplitude(&host.u) - 1.0).abs() < 2e-3);
+    assert!(host.jumps.iter().all(|jump| jump.0 == 1), "{:?}", host.jumps);
+    for words in [
+        "start-up: a wave of period 1.4 s, growth 0.09",
+        "its amplitude is brought to",
+        "the last change is kept",
+    ] {
+        assert!(host.log.contains(words), "{words}: {}", host.log);
+    }
+    assert!(!host.log.contains("taken up again"), "{}", host.log);
+    assert!(host.log.contains("it stays as it is"), "{}", host.log);
+}
+
+/// A wave that grows three times as fast from a fifth on.
+fn runs_away(u: &[f64]) -> Vec<f64> {
+    let growth = if amplitude(u) > 0.2 { 0.3 } else { 0.1 };
+    let (size, [a, b]) = ((growth * DELTA_T).exp(), parts(u));
+    let (sin, cos) = (TAU * DELTA_T / PERIOD).sin_cos();
+    state([size * (a * cos - b * sin), size * (a * sin + b * cos)])
+}
+
+#[test]
+fn a_change_after_which_the_wave_grows_faster_is_undone() {
+    let mut host = Host::new(&settings(true), 0.0, 0, 16.0, state([0.1, 0.0]));
+    host.own = Some(runs_away);
+    let sizes = std::cell::RefCell::new(Vec::new());
+    host.run(0.0, |host| {
+        sizes.borrow_mut().push(amplitude(&host.u));
+        false
+    });
+    assert_eq!(host.jumps.len(), 2, "a change, and back: {:?}\n{}", host.jumps, host.log);
+    assert!(host.log.contains("the state before is taken up again"), "{}", host.log);
+    // From far above to where it was
+    let falls = |pair: &[f64]| pair[0] > 0.5 && pair[1] < 0.2;
+    assert_eq!(sizes.borrow().windows(2).filter(|pair| falls(pair)).count(), 1);
+}
+
+#[test]
+fn what_has_settled_and_what_soon_will_is_not_touched() {
+    for first in [1.0, 0.9] {
+        let (host, _) = run(&settings(true), first);
+        assert!(host.jumps.is_empty(), "{first} {:?}\n{}", host.jumps, host.log);
+    }
+}
+
+#[test]
+fn a_run_that_is_carried_on_cuts_at_the_same_times() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = settings(true);
+    let keeping =
+        |name: &str| settings.replacen('{', &format!("{{\"states\": {:?}, ", folder.path().join(name)), 1);
+    let (whole, _) = run(&keeping("whole"), 0.1);
+    let first = whole.jumps[0].1;
+    // Before the change, behind its stride, and while it is judged
+    for at in [first - 0.5, first, first + 1.0] {
+        let mut host = Host::new(&keeping("states"), 0.0, 0, 60.0, state([0.1, 0.0]));
+        host.own = Some(advance);
+        host.run(0.0, |host| host.time > at - 1e-9);
+        host.ride.save(&folder.path().join("ride.state")).unwrap();
+        let mut next = Host::new(&keeping("states"), host.time, host.index, 60.0, host.u.clone());
+        next.own = Some(advance);
+        let now = next.now();
+        let answer =
+            next.with(|ride, state| ride.load(&folder.path().join("ride.state"), now, state)).unwrap();
+        match answer.action {
+            Action::HandBack => {
+                let now = next.now();
+                next.with(|ride, state| ride.handed_back(now, Some(state), &[])).unwrap();
+            }
+            _ => drop(next.go_on(&answer, &|_| false)),
+        }
+        next.run(0.0, |_| false);
+        let bits = |u: &[f64]| u.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&next.u), bits(&whole.u), "{at} {:?} {:?}\n{}", next.jumps, whole.jumps, next.log);
+    }
+}

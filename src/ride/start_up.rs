@@ -1,0 +1,56 @@
+//! Start-ups cut short, of a fit: what is done where a look at the wave says so.
+
+use crate::dmd::{DmdSurrogate, rounded};
+use crate::surrogate::{Cut, Wave};
+use m4gn_dmd::{Combination, Turn};
+use std::f64::consts::TAU;
+
+impl DmdSurrogate {
+    /// A look at the wave of the start-up. Collective.
+    pub(crate) fn look(&mut self) -> Option<Wave> {
+        let (look, outlooks) = self.online.settle(&mut self.now.settle);
+        let cut = match (look.turn, outlooks) {
+            (Turn::Change(factor), Some([before, cut])) => {
+                (self.now.before, self.now.cut) = (Some(before), Some(cut));
+                Cut::Changed(factor)
+            }
+            (Turn::Undo, _) => {
+                self.now.cut = self.now.before.clone();
+                Cut::Undone(self.now.settle.is_over())
+            }
+            (Turn::Settled, _) => {
+                self.online.keep_size();
+                Cut::Settled
+            }
+            _ => Cut::None,
+        };
+        if look.kept == Some(true) && self.now.cut.is_none() {
+            self.now.before = None;
+        }
+        self.online.hold(self.now.before.as_ref());
+        let stride = self.description.stride;
+        let wave = look.wave.map(|w| ([w.angle / (TAU * stride), w.growth / stride], w.size()));
+        (wave.is_some() || look.kept.is_some()).then_some(Wave {
+            cut,
+            kept: look.kept,
+            figures: wave.map(|w| w.0),
+            amplitude: wave.map(|w| w.1),
+        })
+    }
+
+    /// Nothing is left of a change that was to be judged.
+    pub(crate) fn release(&mut self) {
+        self.now.settle.missed();
+        if self.now.before.take().is_some() {
+            self.online.hold(None);
+        }
+    }
+
+    /// The state so many strides after the present snapshot, of the jump that is due; none: there is nothing to predict with.
+    pub(crate) fn later(&self, strides: f64) -> Option<Combination> {
+        match &self.now.cut {
+            Some(cut) => Some(self.online.later(cut, rounded(strides))),
+            None => self.online.predict(rounded(strides)),
+        }
+    }
+}
