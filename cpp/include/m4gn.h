@@ -485,7 +485,8 @@ typedef struct m4gn_host
  * [table dmd]
  *   name               default     meaning
  *   snapshot_interval  null        Time between the states that are kept, the stride: a tenth to a twentieth of the period of
- *                                  what the flow does [s]; null: 25 of the longest time steps of late
+ *                                  what the flow does [s]; null: found in the run: 25 of the longest time steps of late, then a
+ *                                  fourteenth of the period that two fits have shown
  *   window             40          States in a fit at most, up to 1000
  *   min_snapshots      null        States without a gap that a fit needs; null: window
  *   hold_out           5           States at the end of the window that are held back to choose by
