@@ -1,10 +1,11 @@
-//! Fuzz targets: a family's description, and the file of a study. See `tests/fuzzing/mod.rs` of the repository.
+//! Fuzz targets: a family's description, the file of a study, and the files of a campaign. See `tests/fuzzing/mod.rs` of the repository.
 
 #[path = "../fuzzing/mod.rs"]
 mod fuzzing;
 
 use fuzzing::{Random, fuzz};
 use m4gn_train::config::Config;
+use m4gn_workbench::campaign::{record, sampling, settings, table};
 use m4gn_workbench::generate::family::Family;
 use m4gn_workbench::generate::parameter::{Settings, parse_setting};
 use m4gn_workbench::study::Plan;
@@ -110,3 +111,83 @@ fn study() {
         bytes.len() + shared.iter().map(|(_, bytes)| bytes.len()).sum::<usize>()
     });
 }
+
+/// The files that a campaign goes on from: what is read is in its ranges, or is refused.
+#[test]
+fn campaign() {
+    let good = [
+        (settings::FILE, CAMPAIGN),
+        (table::FILE, "case_name,Uin,shape\n# two\nr01,1.5,square\nr02,2,round\nr03,2.5e0,square\n"),
+        (record::DONE, RECORD),
+    ];
+    let dir = tempfile::tempdir().unwrap();
+    let now: record::Record = serde_json::from_str(RECORD).unwrap();
+    fuzz("campaign", |r| {
+        let damaged = r.below(good.len());
+        let mut size = 0;
+        for (k, (name, text)) in good.iter().enumerate() {
+            let mut bytes = text.as_bytes().to_vec();
+            if k == damaged {
+                damage(&mut bytes, r);
+            }
+            size += bytes.len();
+            std::fs::write(dir.path().join(name), &bytes).unwrap();
+        }
+        if let Ok(settings) = settings::Settings::read(dir.path()) {
+            assert!(settings.ranks > 0 && settings.jobs > 0 && !settings.solver.is_empty());
+            let _ = settings.check_quantities(dir.path());
+        }
+        if let Ok(table) = table::Table::read(dir.path()) {
+            let places = table.places();
+            assert!(places.iter().flatten().all(|v| (0.0..=1.0).contains(v)), "{places:?}");
+            let mut order = sampling::spread(&places);
+            order.sort_unstable();
+            assert!(order.iter().copied().eq(0..table.rows.len()));
+            assert!(
+                table.text().is_ok() && sampling::held_out(table.rows.len(), 0.1).len() <= table.rows.len()
+            );
+        }
+        let _ = record::state(dir.path(), &now.made_from);
+        size
+    });
+}
+
+const CAMPAIGN: &str = r#"case = "case"
+prepare = [["blockMesh"], ["./Allrun.pre", "-v"]]
+solver = ["icoFoam"]
+ranks = 2
+start = "nearest"
+scale = "Uin"
+surrogate = "dmd"
+surrogate_entries = "timeStart 1;"
+stop = true
+min_time = 1.5
+end_time = 8.0
+confidence = 0.95
+held_out = 0.1
+jobs = 2
+time_limit = 3600
+[[quantity]]
+name = "Cd"
+function_object = "forces"
+result = "Cd"
+relative = 0.01
+[[quantity]]
+name = "lift"
+function_object = "forces"
+result = "Cl"
+component = "x"
+statistic = "rms"
+tolerance = 0.02
+"#;
+
+const RECORD: &str = r#"{
+  "case_name": "r02",
+  "parameters": { "Uin": "1.9" },
+  "start": { "kind": "nearest", "sister": "r01", "ratio": 1.1, "mapped": false, "note": null },
+  "quantities": { "Cd": { "value": 2.1, "half_width": 0.004, "known": true }, "lift": { "value": 0.22, "half_width": null, "known": false } },
+  "end_time": 3.25,
+  "last": "3.25",
+  "cost": { "prepare": 0.4, "start": 0.1, "solver": 2.2, "surrogate": 0.0, "wall": 3.1 },
+  "made_from": { "system/controlDict": "1f2e3d4c", "parameters": "0a1b2c3d" }
+}"#;
