@@ -93,6 +93,21 @@ pub fn folder_in_turn(folder: &Path, mut waiting: impl FnMut(&Error) -> Result<(
     }
 }
 
+/// The program that has a folder, as it says of itself ([`folder`]); none: nobody has it. Nothing is claimed or made.
+pub fn holder(folder: &Path) -> Option<String> {
+    let file = File::open(folder.join(NAME)).ok()?;
+    match flock(&file, FlockOperation::NonBlockingLockShared) {
+        Err(Errno::WOULDBLOCK) => Some(read_holder(file)),
+        _ => None,
+    }
+}
+
+fn read_holder(file: File) -> String {
+    let mut holder = String::new();
+    let _ = file.take(4096).read_to_string(&mut holder);
+    if holder.is_empty() { "another m4gn".into() } else { holder.trim_end().into() }
+}
+
 fn make(folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, format!("cannot be made: {e}")))
 }
@@ -115,11 +130,9 @@ fn attempt(what: &Path, path: PathBuf) -> Result<Result<Lock>> {
         match flock(&file, FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => {}
             Err(Errno::WOULDBLOCK) => {
-                let mut holder = String::new();
-                let _ = file.take(4096).read_to_string(&mut holder);
-                let holder = if holder.is_empty() { "another m4gn" } else { holder.trim_end() };
                 let why = format!(
-                    "is being written by {holder}: wait until that has ended, or choose another place"
+                    "is being written by {}: wait until that has ended, or choose another place",
+                    read_holder(file)
                 );
                 return Ok(Err(Error::file(what, why)));
             }
@@ -170,8 +183,11 @@ mod tests {
         let held = folder(&at("new/set")).unwrap();
         let message = refused(folder(&at("new/set")));
         assert!(message.contains("new/set: is being written by") && message.contains(&own), "{message}");
+        assert!(holder(&at("new/set")).is_some_and(|who| who.starts_with(&own)));
         assert!(folder(&at("new")).is_ok(), "another folder");
         drop(held);
+        assert_eq!([holder(&at("new/set")), holder(&at("none"))], [None, None]);
+        assert!(!at("none").exists(), "who asks makes nothing");
         drop(folder(&at("new/set")).unwrap());
         let held = outputs([at("a.safetensors"), at("b.json")].iter().map(PathBuf::as_path), []).unwrap();
         assert!(held.len() == 2 && refused(file(&at("b.json"))).contains(&own));

@@ -206,14 +206,12 @@ pub fn status(campaign: &Campaign) -> Result<(Table, usize)> {
     let mut there = 0;
     for unit in campaign.units() {
         let folder = campaign.folder_of(unit);
-        let (state, record) = match campaign.state(unit)? {
-            State::Done(record) => ("done".into(), Some(record)),
-            _ if holder(&folder).is_some() => {
-                (format!("is made by {}", holder(&folder).unwrap_or_default()), None)
-            }
-            State::Missing => ("to make".into(), None),
-            State::Failed(why) => (format!("failed: {why}"), None),
-            State::Stale(what) => (format!("of another content of: {what}"), None),
+        let (state, record) = match (campaign.state(unit)?, holder(&folder)) {
+            (State::Done(record), _) => ("done".into(), Some(record)),
+            (_, Some(who)) => (format!("is made by {who}"), None),
+            (State::Missing, None) => ("to make".into(), None),
+            (State::Failed(why), None) => (format!("failed: {why}"), None),
+            (State::Stale(what), None) => (format!("of another content of: {what}"), None),
         };
         there += usize::from(record.is_some());
         let of = |f: &dyn Fn(&Record) -> String| record.as_deref().map_or(String::new(), f);
@@ -228,14 +226,9 @@ pub fn status(campaign: &Campaign) -> Result<(Table, usize)> {
     Ok((table, there))
 }
 
-/// Who makes a run at present.
+/// Who makes a run at present, without its command.
 fn holder(folder: &Path) -> Option<String> {
-    if !folder.is_dir() {
-        return None;
-    }
-    let held = lock::folder(folder).err()?.to_string();
-    let (_, who) = held.split_once("is being written by ")?;
-    who.split(" (").next().map(String::from)
+    lock::holder(folder).map(|who| who.split(" (").next().unwrap_or_default().to_string())
 }
 
 #[cfg(test)]
