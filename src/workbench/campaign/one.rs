@@ -9,7 +9,7 @@ use crate::check::copy::{names, time};
 use crate::compare::surrogate;
 use crate::generate::case::program;
 use crate::generate::process::Surroundings;
-use m4gn_base::{Error, Result, files, lock};
+use m4gn_base::{Error, Result, files};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
@@ -41,16 +41,7 @@ pub fn one(
 ) -> Result<Outcome> {
     campaign.settings.check_quantities(&campaign.folder)?;
     let folder = campaign.folder_of(unit);
-    let mut told = false;
-    let _lock = lock::folder_in_turn(&folder, |held| {
-        if !std::mem::replace(&mut told, true) {
-            say(&format!("waiting: {held}"));
-        }
-        match tools.stopped() {
-            true => Err(Error::Interrupted("stopped by the user".into())),
-            false => Ok(()),
-        }
-    })?;
+    let _lock = tools.take_turn(&folder, say)?;
     match record::state(&folder, &campaign.made_from(unit))? {
         State::Done(record) => return Ok(Outcome { record: *record, before: true }),
         State::Stale(what) if !anew => return Err(stale(&folder, &what)),

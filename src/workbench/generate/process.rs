@@ -2,7 +2,7 @@
 
 use super::guard::Guard;
 use m4gn_base::ffi::ask_to_end;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, lock};
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -26,6 +26,23 @@ impl Surroundings {
     /// Whether the user has asked to stop.
     pub fn stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed) != 0
+    }
+
+    /// Claims a folder; while another program has it, waits, and tells `say` once for whom.
+    ///
+    /// # Errors
+    /// As [`lock::folder_in_turn`]; [`Error::Interrupted`] when the user stops.
+    pub fn take_turn(&self, folder: &Path, say: &mut dyn FnMut(&str)) -> Result<lock::Lock> {
+        let mut told = false;
+        lock::folder_in_turn(folder, |held| {
+            if !std::mem::replace(&mut told, true) {
+                say(&format!("waiting: {held}"));
+            }
+            match self.stopped() {
+                true => Err(Error::Interrupted("stopped by the user".into())),
+                false => Ok(()),
+            }
+        })
     }
 
     /// Runs a command, a program (a name, or a path) and its arguments, in `folder` and waits for it; its output goes to

@@ -12,7 +12,7 @@ pub use report::Report;
 use crate::generate::openfoam::absolute;
 use crate::generate::process::Surroundings;
 use job::Job;
-use m4gn_base::{Error, Result, lock};
+use m4gn_base::{Error, Result};
 use serde_json::Value;
 use std::path::Path;
 use std::sync::atomic::AtomicU8;
@@ -62,16 +62,7 @@ pub fn run(plan: &Plan, folder: &Path, stop: &'static AtomicU8, say: &mut dyn Fn
         environment: Vec::new(),
     };
     // Then what the other one has done is there.
-    let mut told = false;
-    let _lock = lock::folder_in_turn(&folder, |held| {
-        if !std::mem::replace(&mut told, true) {
-            say(&format!("waiting: {held}"));
-        }
-        match tools.stopped() {
-            true => Err(Error::Interrupted("stopped by the user".into())),
-            false => Ok(()),
-        }
-    })?;
+    let _lock = tools.take_turn(&folder, say)?;
     let checked = check::all(plan, &tools)?;
     let cells = plan.cells();
     let named = |i: usize| {
