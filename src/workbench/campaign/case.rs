@@ -2,7 +2,7 @@
 
 use super::settings::{Quantity, Settings, Statistic};
 use super::table::{Row, Table};
-use crate::check::copy::{LEFT_OUT, copy_all, entry, function_objects, names, time};
+use crate::check::copy::{LEFT_OUT, copy_all, entry, function_objects, header, names, time};
 use crate::digest::Digest;
 use crate::generate::process::Surroundings;
 use m4gn_base::{Error, Result};
@@ -233,11 +233,6 @@ fn entries(q: &Quantity) -> String {
     more("tolerance", q.tolerance.map(|v| v.to_string()));
     more("relative", q.relative.map(|v| v.to_string()));
     text + " }\n"
-}
-
-/// What an OpenFOAM dictionary begins with.
-pub fn header(object: &str) -> String {
-    format!("FoamFile {{ version 2.0; format ascii; class dictionary; object {object}; }}\n")
 }
 
 /// The text of [`PARAMETERS`].

@@ -1,9 +1,9 @@
 //! What a run starts from.
 
-use super::case::{header, write};
+use super::case::write;
 use super::record::{Record, Started};
 use super::table::number;
-use crate::check::copy::names;
+use crate::check::copy::{header, names};
 use crate::digest::Digest;
 use crate::foam_case::FoamCase;
 use crate::generate::process::Surroundings;

@@ -164,9 +164,10 @@ impl Copy {
     pub fn control_dict(&self, entries: &str, function_object: &str) -> Result<()> {
         let off: String = self.own.iter().map(|name| format!("    {name} {{ enabled no; }}\n")).collect();
         let text = format!(
-            "FoamFile {{ version 2.0; format ascii; class dictionary; object controlDict; }}\n#include \"{}\"\nstopAt endTime;\n\
+            "{}#include \"{}\"\nstopAt endTime;\n\
              writeControl timeStep;\nwriteInterval 1000000000;\npurgeWrite 0;\nrunTimeModifiable no;\n{entries}\nfunctions\n{{\n{off}    \
              {NAME} {{ {function_object} libs (m4gnFoam); }}\n}}\n",
+            header("controlDict"),
             self.control().display()
         );
         let path = self.folder.join("system/controlDict");
@@ -189,6 +190,11 @@ impl Copy {
         words.extend((self.ranks > 0).then(|| "-parallel".to_string()));
         words
     }
+}
+
+/// What an OpenFOAM dictionary begins with.
+pub(crate) fn header(object: &str) -> String {
+    format!("FoamFile {{ version 2.0; format ascii; class dictionary; object {object}; }}\n")
 }
 
 /// An entry of a dictionary, as OpenFOAM reads it; none: it has none. The program works in `folder`.
