@@ -46,6 +46,17 @@ fn flux(u: &[f64]) -> Vec<f64> {
     (0..CELLS).map(|i| u[i] - u[(i + 1) % CELLS]).collect()
 }
 
+/// What the host has, without a network.
+fn guest() -> Guest<'static> {
+    Guest {
+        layout: layout(),
+        network: None,
+        ahead: None,
+        global: (0..CELLS as i64).collect(),
+        owners: Vec::new(),
+    }
+}
+
 /// A step of a solver that goes on from the state that it is given.
 type Advance = fn(&[f64]) -> Vec<f64>;
 
@@ -127,13 +138,7 @@ impl Host {
         let settings = RideSettings::parse(settings).unwrap();
         let begin = step(start, index, end);
         let clock = Rc::new(Cell::new(start));
-        let guest = Guest {
-            layout: layout(),
-            network: settings.has("network").then(|| trained(&clock, 0)),
-            ahead: None,
-            global: (0..CELLS as i64).collect(),
-            owners: Vec::new(),
-        };
+        let guest = Guest { network: settings.has("network").then(|| trained(&clock, 0)), ..guest() };
         let ride = Ride::new(Comm::serial(), guest, settings, begin).unwrap();
         let phi = flux(&u);
         let (jumps, log, tables) = (Vec::new(), String::new(), Default::default());
@@ -297,14 +302,7 @@ fn the_stride_follows_the_step() {
     let ramp: fn(f64) -> f64 = |time| (0.2 * time + 1e-8).min(0.01);
     let mut host = Host::new(settings, 0.0, 0, 40.0, solver(0.0, 1e9));
     let begin = Step { delta_t: 1e-8, ..host.now() };
-    let guest = Guest {
-        layout: layout(),
-        network: None,
-        ahead: None,
-        global: (0..CELLS as i64).collect(),
-        owners: Vec::new(),
-    };
-    host.ride = Ride::new(Comm::serial(), guest, RideSettings::parse(settings).unwrap(), begin).unwrap();
+    host.ride = Ride::new(Comm::serial(), guest(), RideSettings::parse(settings).unwrap(), begin).unwrap();
     host.delta_t = ramp;
     host.run(1e9, |_| false);
     assert!(host.log.contains("s: states are kept 1.2"), "{}", host.log);
@@ -520,14 +518,7 @@ fn what_has_come_to_rest_is_jumped() {
     assert!(host.jumps.is_empty(), "{:?}\n{}", host.jumps, host.log);
     let settings = SETTINGS.replace("\"initialJump\"", "\"rest\": {\"T\": 1}, \"initialJump\"");
     let settings = RideSettings::parse(&settings).unwrap();
-    let guest = Guest {
-        layout: layout(),
-        network: None,
-        ahead: None,
-        global: (0..CELLS as i64).collect(),
-        owners: Vec::new(),
-    };
-    let said = Ride::new(Comm::serial(), guest, settings, step(0.0, 0, 9.0)).err().map(|e| e.to_string());
+    let said = Ride::new(Comm::serial(), guest(), settings, step(0.0, 0, 9.0)).err().map(|e| e.to_string());
     assert!(said.is_some_and(|said| said.contains("rest: T: expected some of the fields")));
 }
 

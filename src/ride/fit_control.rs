@@ -283,17 +283,17 @@ fn of_the_wave(wave: &Wave, step: &Step, decisions: &mut Decisions) -> String {
         (Cut::None, Some(_)) => ("kept", None),
         (Cut::None, None) => ("seen", None),
     };
-    let [frequency, growth] = wave.figures.map_or([None; 2], |f| f.map(Some));
+    let [frequency, growth, amplitude] = wave.figures.map_or([None; 3], |f| f.map(Some));
     let decided = json!({
-        "decision": decision, "kept": wave.kept, "frequency": frequency, "growth_rate": growth, "amplitude": wave.amplitude, "factor": factor,
+        "decision": decision, "kept": wave.kept, "frequency": frequency, "growth_rate": growth, "amplitude": amplitude, "factor": factor,
     });
     decisions.tell(step, "start_up", &decided);
     let figures = match wave.figures {
-        Some([frequency, growth]) => format!(
+        Some([frequency, growth, amplitude]) => format!(
             "a wave of period {} s, growth {} 1/s, amplitude {}",
             digits.of(1.0 / frequency),
             digits.of(growth),
-            digits.of(wave.amplitude.unwrap_or(0.0))
+            digits.of(amplitude)
         ),
         None => "no wave is clear".into(),
     };
@@ -301,7 +301,7 @@ fn of_the_wave(wave: &Wave, step: &Step, decisions: &mut Decisions) -> String {
     let done = match wave.cut {
         Cut::Changed(factor) => format!(
             ": its amplitude is brought to {}, {} times as much",
-            digits.of(factor * wave.amplitude.unwrap_or(0.0)),
+            digits.of(factor * amplitude.unwrap_or(0.0)),
             digits.of(factor)
         ),
         Cut::Undone(last) => {
@@ -309,6 +309,7 @@ fn of_the_wave(wave: &Wave, step: &Step, decisions: &mut Decisions) -> String {
             format!(": the last change has not bettered it; the state before is taken up again{more}")
         }
         Cut::Settled => ": it stays as it is, and no more is changed".into(),
+        // A wave that is only seen is data, and no line
         Cut::None if wave.kept.is_none() => return String::new(),
         Cut::None => String::new(),
     };

@@ -29,13 +29,8 @@ impl DmdSurrogate {
         }
         self.online.hold(self.now.before.as_ref());
         let stride = self.description.stride;
-        let wave = look.wave.map(|w| ([w.angle / (TAU * stride), w.growth / stride], w.size()));
-        (wave.is_some() || look.kept.is_some()).then_some(Wave {
-            cut,
-            kept: look.kept,
-            figures: wave.map(|w| w.0),
-            amplitude: wave.map(|w| w.1),
-        })
+        let figures = look.wave.map(|w| [w.angle / (TAU * stride), w.growth / stride, w.size()]);
+        (figures.is_some() || look.kept.is_some()).then_some(Wave { cut, kept: look.kept, figures })
     }
 
     /// Nothing is left of a change that was to be judged.

@@ -160,10 +160,9 @@ pub struct Wave {
     pub cut: Cut,
     /// Whether the last change is kept, where that is decided here.
     pub kept: Option<bool>,
-    /// Hz, and growth of its amplitude, 1/s; none: nothing is clear.
-    pub figures: Option<[f64; 2]>,
-    /// Its amplitude, over the root mean square of what the fields varied by when it was first looked for.
-    pub amplitude: Option<f64>,
+    /// Its frequency (Hz), the growth of its amplitude (1/s), and its amplitude, over the root mean square of what the fields varied by when it
+    /// was first looked for; none: nothing is clear.
+    pub figures: Option<[f64; 3]>,
 }
 
 /// A fit, and what it was chosen by.
