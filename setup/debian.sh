@@ -13,7 +13,7 @@ packages=(
     gmsh g++ make cmake ninja-build pkg-config libclang-dev bzip2 ca-certificates
 )
 foam_sourced || packages+=(openfoam)
-if [ "${1:-all}" = all ]; then packages+=(python3 python3-pip python3-venv clang-format-14); fi
+if [ "${1:-all}" = all ]; then packages+=(python3 python3-pip python3-venv clang-format-14 python3-sphinx python3-myst-parser furo); fi
 if [ "${1:-all}" = solids4foam ]; then packages+=(libeigen3-dev); fi
 
 # package:upstream series that m4gn is built and tested with
