@@ -7,6 +7,25 @@
 #include "OSspecific.H"
 #include "Time.H"
 
+#include <dlfcn.h>
+
+#include <climits>
+#include <cstdlib>
+
+Foam::fileName Foam::m4gn::home()
+{
+    const fileName named(getEnv("M4GN_HOME"));
+
+    // Beside the folder of this library
+    Dl_info info;
+    if (named.empty() && dladdr(reinterpret_cast<const void*>(&Foam::m4gn::home), &info) && info.dli_fname) {
+        char path[PATH_MAX];
+        return realpath(info.dli_fname, path) ? fileName(path).path().path() : fileName();
+    }
+
+    return named;
+}
+
 Foam::fileName Foam::m4gn::resolve(const fileName& path, const fileName& casePath)
 {
     fileName expanded(path);
@@ -17,11 +36,12 @@ Foam::fileName Foam::m4gn::resolve(const fileName& path, const fileName& casePat
     }
 
     const fileName inCase(casePath / expanded);
-    const fileName home(getEnv("M4GN_HOME"));
 
-    if (isFile(inCase, false) || home.empty()) {
+    if (isFile(inCase, false)) {
         return inCase;
     }
+
+    const fileName home(m4gn::home());
 
     if (isFile(home / "models" / expanded, false)) {
         return home / "models" / expanded;

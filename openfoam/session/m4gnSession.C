@@ -265,10 +265,8 @@ void Foam::m4gnSession::checkDictionary(const dictionary& dict, const fileName& 
     if (!isFile(model, false)) {
         FatalIOErrorInFunction(dict) << "There is no model " << model << nl
                                      << "    Give model as an absolute path, or relative to the case,"
-                                     << " to $M4GN_HOME/models or to $M4GN_HOME"
-                                     << " (M4GN_HOME is set by m4gn's env.sh; now it is "
-                                     << (getEnv("M4GN_HOME").empty() ? "not set" : getEnv("M4GN_HOME")) << ")"
-                                     << exit(FatalIOError);
+                                     << " to models in " << m4gn::home() << ", or to that folder"
+                                     << " (another one: set M4GN_HOME)" << exit(FatalIOError);
     }
 
     m4gnNodes::atPoints(dict);

@@ -2,7 +2,8 @@
 //! OpenFOAM's libraries come with them.
 //!
 //! One search rule: the folder of the file that this code was loaded from (a solver's `libm4gn.so`, or the program),
-//! `../../lib` of it, which is `lib` of the checkout that a program was built in, and `$M4GN_HOME/lib`, where that is absolute.
+//! `../../lib` of it, which is `lib` of the checkout that a program was built in, `../lib`, which is that of an installed program, and
+//! `$M4GN_HOME/lib`, where that is absolute. Models, templates and tutorials are beside such a `lib`.
 //!
 //! Each library exports `PREFIX_abi_version()`, which must agree, and `PREFIX_last_error()`, the message of the calling
 //! thread's last failure, valid until its next call. Statuses are those of `m4gn.h`. A library is never unloaded: exit
@@ -46,12 +47,18 @@ pub struct Plugin {
 pub fn places() -> Vec<PathBuf> {
     let mut places = Vec::new();
     if let Some(folder) = own_file().and_then(|f| f.parent().map(PathBuf::from)) {
-        let checkout = folder.join("../../lib");
+        let beside = ["../../lib", "../lib"].map(|lib| folder.join(lib));
         places.push(folder);
-        places.push(checkout.canonicalize().unwrap_or(checkout));
+        places.extend(beside.into_iter().filter_map(|lib| lib.canonicalize().ok()));
     }
     places.extend(folder_variable("M4GN_HOME").map(|home| home.join("lib")));
+    places.dedup();
     places
+}
+
+/// Folders that may hold models, templates and tutorials: those that the [`places`] are in.
+pub fn homes() -> Vec<PathBuf> {
+    places().iter().filter_map(|place| place.parent().map(PathBuf::from)).collect()
 }
 
 /// The folder that an environment variable names, `M4GN_HOME` or `WM_PROJECT_DIR`. One that is empty is not set, and one that is not

@@ -17,9 +17,11 @@ pub mod info;
 pub mod predict;
 mod running;
 pub mod segment;
+pub mod shell;
 mod stop;
 pub mod study;
 pub mod train;
+pub mod tutorial;
 pub mod validate;
 
 pub use output::{claim_outputs, progress_bar, write_json};
@@ -57,6 +59,9 @@ enum Command {
     Study(study::Args),
     Bench(bench::Args),
     Segment(segment::Args),
+    Tutorial(tutorial::Args),
+    #[command(hide = true)]
+    ShellFiles(shell::Args),
 }
 
 /// Runs the command line of this process.
@@ -80,6 +85,8 @@ fn main() -> ExitCode {
         Command::Study(args) => study::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Segment(args) => segment::run(args),
+        Command::Tutorial(args) => tutorial::run(args),
+        Command::ShellFiles(args) => shell::run(args),
     };
     let status = match done.and_then(|()| output::printed()) {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,7 +1,7 @@
 //! `m4gn generate deforming-plate`, `deforming-beam` and `stacked-beams`.
 
 use super::{Common, positive};
-use m4gn_base::plugin::places;
+use m4gn_base::plugin::homes;
 use m4gn_base::{Error, Result};
 use m4gn_workbench::generate::openfoam::{absolute, one_thread};
 use m4gn_workbench::generate::process::find_program;
@@ -99,8 +99,7 @@ fn describe(case: &Request, made: &Made<Figures>) -> (String, Value) {
 
 /// The folder that holds the package `m4gn_solids`: beside the libraries.
 fn package() -> Result<PathBuf> {
-    let folders = places().into_iter().filter_map(|p| Some(p.parent()?.join("tools")));
-    let folders: Vec<PathBuf> = folders.collect();
+    let folders: Vec<PathBuf> = homes().into_iter().map(|home| home.join("tools")).collect();
     let is_there = |p: &&PathBuf| Path::new(p).join("m4gn_solids/__main__.py").is_file();
     folders.iter().find(is_there).cloned().ok_or_else(|| {
         let tried: Vec<_> = folders.iter().map(|p| p.display().to_string()).collect();

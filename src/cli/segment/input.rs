@@ -124,8 +124,7 @@ impl Input {
             return Ok(None);
         };
         // As the function object looks for it.
-        let home = m4gn_base::plugin::folder_variable("M4GN_HOME");
-        let homes = home.iter().flat_map(|h| [h.join("models"), h.clone()]);
+        let homes = m4gn_base::plugin::homes().into_iter().flat_map(|home| [home.join("models"), home]);
         let case = match self {
             Input::Case(case) => PathBuf::from(&case.description().path),
             Input::Data(_) => return Ok(None),

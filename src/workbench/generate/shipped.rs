@@ -30,8 +30,7 @@ impl Family {
 
 /// Folders of the families that come with m4gn: beside those of the libraries.
 fn folders() -> Vec<PathBuf> {
-    let beside = |p: PathBuf| Some(p.parent()?.join("openfoam/templates"));
-    plugin::places().into_iter().filter_map(beside).collect()
+    plugin::homes().into_iter().map(|home| home.join("openfoam/templates")).collect()
 }
 
 /// Names of the families in these folders.

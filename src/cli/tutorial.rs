@@ -1,0 +1,49 @@
+//! `m4gn tutorial`: the cases of openfoam/tutorials, run where the user is.
+
+use m4gn_base::{Error, Result, plugin};
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::process::Command;
+
+/// Run a tutorial: cylinder, beam, or deformingBeam (which needs solids4foam)
+///
+/// The cases, their logs and the comparison are in DIR/NAME. Needs OpenFOAM; cylinder also gmsh.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Its name
+    #[arg(value_name = "NAME")]
+    name: String,
+    /// Folder for the cases
+    #[arg(long, value_name = "DIR", default_value = "run")]
+    out: PathBuf,
+    /// Options of the tutorial, behind --; --help lists them
+    #[arg(last = true, value_name = "OPTION")]
+    options: Vec<OsString>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Error::Input`] for a name that is none, listing those that are, and for a tutorial that fails.
+pub fn run(args: Args) -> Result<()> {
+    let folders: Vec<PathBuf> = plugin::homes().into_iter().map(|h| h.join("openfoam/tutorials")).collect();
+    let script = folders.iter().map(|f| f.join(&args.name).join("Allrun")).find(|f| f.is_file());
+    let Some(script) = script.filter(|_| !args.name.contains('/')) else {
+        let entries = folders.iter().filter_map(|f| std::fs::read_dir(f).ok()).flatten().flatten();
+        let mut names: Vec<String> = entries.filter_map(|e| e.file_name().into_string().ok()).collect();
+        names.sort();
+        names.dedup();
+        return Err(Error::Input(format!("'{}' is no tutorial: expected {}", args.name, names.join(", "))));
+    };
+    let out =
+        std::path::absolute(&args.out).map_err(|e| Error::file(&args.out, format!("is no path: {e}")))?;
+    let status = Command::new(&script)
+        .args(&args.options)
+        .env("M4GN_RUN", &out)
+        .status()
+        .map_err(|e| Error::file(&script, format!("cannot be run: {e}")))?;
+    match status.success() {
+        true => Ok(()),
+        false => Err(Error::Input(format!("tutorial {}: {status}, as told above", args.name))),
+    }
+}
