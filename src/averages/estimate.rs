@@ -2,7 +2,7 @@
 
 use crate::autoregression::{Scatter, batches, scatter};
 use crate::series::{Row, Series};
-use crate::{spectrum, student, transient};
+use crate::{settling, spectrum, student, transient};
 
 /// What a series says.
 #[derive(Clone, Debug, PartialEq)]
@@ -66,11 +66,6 @@ const MIN_FREEDOM: f64 = 15.0;
 const CAUTION_MEAN: f64 = 1.0;
 /// The same for squares, whose distribution is skewed.
 const CAUTION_SQUARE: f64 = 3.0;
-/// Largest ratio of the ranges of successive eighths of a record that settles to one value.
-const SETTLES: f64 = 0.7;
-/// Share of its whole range within which a record has settled.
-const SETTLED: f64 = 0.01;
-
 /// Periods from which on the means of a signal that repeats itself are all that its mean can be: few of them look like the slowest memory.
 const MIN_PERIODS: usize = 8;
 /// Change over the record, over the rms of the fluctuations, below which a drift widens the interval and no more.
@@ -104,8 +99,8 @@ struct Record {
 /// [`scatter`] of up to 512 means of equal pieces, and of eight batches of them ([`batches`]), which see what is slow. The rms is the root of the mean square, whose interval is found in the same way. A mean drifts if the slope
 /// of those pieces is beyond what their scatter about it allows at this confidence.
 ///
-/// A record whose last four eighths range over less and less settles to one value (a steady solver's): the mean is that of the last eighth, and
-/// the interval holds all that a geometric series of ranges leaves, which is at most a hundredth of the whole range.
+/// A record whose transient takes more than half of it, or whose figures drift, may have settled all the same: to a signal that repeats itself
+/// ([`settling::to_repetition`]), or to a value (a steady solver's, [`settling::to_value`]).
 ///
 /// None for fewer than 16 rows, and for values whose squares are no numbers.
 pub fn estimate(series: &Series, confidence: f64) -> Option<Estimate> {
@@ -165,8 +160,15 @@ pub fn estimate(series: &Series, confidence: f64) -> Option<Estimate> {
         surrogate_share: series.mean(range, |r| f64::from(r.surrogate)),
         rows: series.len(),
     };
-    let unsure = over || of_mean.drifts;
-    Some(settling(series).filter(|_| unsure).unwrap_or(found))
+    let steady = found.mean_steady && found.rms_steady;
+    if steady && !record.over {
+        return Some(found);
+    }
+    let better = |e: &Estimate| {
+        !steady || (e.half_width <= found.half_width && e.rms_half_width <= found.rms_half_width)
+    };
+    let value = || settling::to_value(series).filter(|_| over || found.mean_drifts);
+    Some(settling::to_repetition(series).filter(better).or_else(value).unwrap_or(found))
 }
 
 /// Cuts the transient, and to whole periods.
@@ -205,13 +207,13 @@ fn transient_end(series: &Series, (from, to): (f64, f64), n: usize, centre: f64)
 }
 
 #[derive(Clone, Copy)]
-struct Oscillation {
-    periods: f64,
-    share: f64,
-    record: f64,
+pub(crate) struct Oscillation {
+    pub(crate) periods: f64,
+    pub(crate) share: f64,
+    pub(crate) record: f64,
 }
 
-fn oscillation(series: &Series, (from, to): (f64, f64)) -> Option<Oscillation> {
+pub(crate) fn oscillation(series: &Series, (from, to): (f64, f64)) -> Option<Oscillation> {
     let rows = (series.len() as f64 * (to - from) / to) as usize;
     let values = series.pieces((from, to), rows.clamp(8, spectrum::MOST_VALUES), |r| r.value);
     let line = spectrum::dominant(&values)?;
@@ -240,14 +242,14 @@ fn known(values: &[f64], confidence: f64, caution: f64, small: f64) -> Option<Kn
 }
 
 /// Largest less least.
-fn extent(values: &[f64]) -> f64 {
+pub(crate) fn extent(values: &[f64]) -> f64 {
     let (low, high) =
         values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
     high - low
 }
 
 /// Whether each of the periods in the range is like the one before.
-fn repeats(series: &Series, range: (f64, f64), periods: usize, variance: f64) -> bool {
+pub(crate) fn repeats(series: &Series, range: (f64, f64), periods: usize, variance: f64) -> bool {
     const POINTS: usize = 16;
     if periods < 2 || variance <= 0.0 {
         return false;
@@ -258,27 +260,8 @@ fn repeats(series: &Series, range: (f64, f64), periods: usize, variance: f64) ->
     changes.sum::<f64>() / count <= 2.0 * REPEATS * REPEATS * variance
 }
 
-/// The estimate of a record that settles to one value; none of another.
-fn settling(series: &Series) -> Option<Estimate> {
-    let end = series.duration();
-    let edge = |k: usize| (1.0 - k as f64 / 8.0) * end;
-    let ranges: Vec<f64> = (1..=4).rev().map(|k| spread(series, (edge(k), edge(k - 1)))).collect();
-    let ratio = ranges.windows(2).map(|r| if r[1] > 0.0 { r[1] / r[0] } else { 0.0 }).fold(0.0, f64::max);
-    let range = (edge(1), end);
-    let mean = series.mean(range, |r| r.value);
-    let left = ranges[3] / (1.0 - ratio);
-    let few = ranges.iter().any(|r| !r.is_finite());
-    (!few && ratio <= SETTLES && left <= SETTLED * spread(series, (0.0, end))).then(|| Estimate {
-        half_width: left,
-        rms: series.mean(range, |r| (r.value - mean).powi(2)).sqrt(),
-        rms_half_width: f64::INFINITY,
-        rms_steady: false,
-        ..constant(series, range, mean)
-    })
-}
-
 /// The estimate of values that do not change within the range.
-fn constant(series: &Series, range: (f64, f64), mean: f64) -> Estimate {
+pub(crate) fn constant(series: &Series, range: (f64, f64), mean: f64) -> Estimate {
     Estimate {
         mean,
         half_width: 0.0,
@@ -297,16 +280,6 @@ fn constant(series: &Series, range: (f64, f64), mean: f64) -> Estimate {
         rms_steady: true,
         surrogate_share: series.mean(range, |r| f64::from(r.surrogate)),
         rows: series.len(),
-    }
-}
-
-/// Largest less least value of the rows within the range, 0 where they differ by no more than rounding; infinite for too few rows.
-fn spread(series: &Series, range: (f64, f64)) -> f64 {
-    let values: Vec<f64> = series.within(range).iter().map(|r| r.value).collect();
-    let size = values.iter().fold(0.0, |size: f64, v| size.max(v.abs()));
-    match values.len() < 8 {
-        true => f64::INFINITY,
-        false => Some(extent(&values)).filter(|e| *e > 1e-12 * size).unwrap_or(0.0),
     }
 }
 

@@ -127,3 +127,32 @@ fn intervals_hold_as_often_as_they_say() {
         assert!(held[1] >= 33, "{name}: the rms's in {} of 40", held[1]);
     }
 }
+
+/// A wake by Stuart and Landau's equation, A' = s A (1 - A^2), whose drag follows the square of the amplitude and has its period twice. It settles at
+/// some 9 s: what is said before 18 s rests on less than half of the record.
+#[test]
+fn what_comes_to_repeat_itself_is_known_within_what_is_left() {
+    let amplitude = |t: f64| (1.0 + 999.0 * (-2.0 * t).exp()).powf(-0.5);
+    let lift = |t: f64| 0.2 + amplitude(t) * (TAU * t).sin();
+    let drag =
+        |t: f64| 3.0 - 0.1 * (1.0 - amplitude(t).powi(2)) + 0.01 * ((2.0 * TAU * t).sin() + (TAU * t).cos());
+    let mut earliest = [f64::INFINITY; 2];
+    for rows in (700..1800).step_by(50) {
+        let end = 0.01 * rows as f64;
+        let of_lift = estimated(&of(rows, 0.01, lift));
+        let of_drag = estimated(&of(rows, 0.01, drag));
+        for (found, truth, half, steady, at) in [
+            (of_lift.rms, 0.5_f64.sqrt(), of_lift.rms_half_width, of_lift.rms_steady, 0),
+            (of_drag.mean, 3.0, of_drag.half_width, of_drag.mean_steady, 1),
+        ] {
+            assert!(
+                !steady || (found - truth).abs() <= half.max(1e-4),
+                "{end} s: {found} +- {half}, {truth}"
+            );
+            if steady && half < 0.01 * truth {
+                earliest[at] = earliest[at].min(end);
+            }
+        }
+    }
+    assert!(earliest.iter().all(|e| *e < 12.0), "{earliest:?}");
+}

@@ -6,6 +6,7 @@ pub mod estimate;
 mod processes;
 pub mod saved;
 pub mod series;
+mod settling;
 mod shown;
 pub mod sine;
 pub mod spectrum;
