@@ -69,40 +69,69 @@ void m4gn::FoamCase::write_start_fields(
 
 namespace
 {
-// Takes the cells' values of a field from a folder of another case of the same mesh, as m4gn::FoamCase::take_start. Of the own file all but
-// these stays, whatever its boundary conditions are: a dictionary needs none of their libraries.
+// The file of a field in a folder of a case of the same mesh; null: there is none of this class. A dictionary needs no libraries of boundary
+// conditions.
 template <class Type>
-bool take_field(
-    const Foam::fvMesh& mesh, const Foam::word& name, const Foam::fileName& own, const Foam::fileName& source,
-    double ratio)
+Foam::autoPtr<Foam::localIOdictionary> field_file(
+    const Foam::fvMesh& mesh, const Foam::word& name, const Foam::fileName& folder)
 {
     using volField = Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>;
-    const auto at = [&](const Foam::fileName& folder) {
-        return Foam::IOobject(name, folder, mesh, Foam::IOobject::MUST_READ, Foam::IOobject::NO_WRITE, false);
-    };
-    Foam::IOobject target(at(own)), other(at(source));
-    if (!target.typeHeaderOk<volField>(true) || !other.typeHeaderOk<volField>(true)) {
+    Foam::IOobject io(name, folder, mesh, Foam::IOobject::MUST_READ, Foam::IOobject::NO_WRITE, false);
+    return Foam::autoPtr<Foam::localIOdictionary>(
+        io.typeHeaderOk<volField>(true) ? new Foam::localIOdictionary(io, volField::typeName) : nullptr);
+}
+
+Foam::List<Foam::fileName> folders(const rust::Vec<rust::String>& names)
+{
+    Foam::List<Foam::fileName> list;
+    for (const rust::String& name : names) {
+        list.append(Foam::fileName(std::string(name)));
+    }
+    return list;
+}
+
+// What m4gn::FoamCase::take_start does of one field. Of the own file all but the cells' values stays, whatever its boundary conditions are.
+template <class Type>
+bool take_field(
+    const Foam::fvMesh& mesh, const Foam::word& name, const Foam::fileName& own,
+    const Foam::List<Foam::fileName>& sources, rust::Slice<const double> weights,
+    rust::Slice<const double> ratios)
+{
+    const auto dict = field_file<Type>(mesh, name, own);
+    if (!dict) {
         return false;
     }
-
-    const Foam::localIOdictionary dict(target, volField::typeName), from(other, volField::typeName);
-    const Foam::dimensionSet dimensions(dict.lookup("dimensions")), found(from.lookup("dimensions"));
-    if (dimensions != found) {
-        FatalErrorInFunction << name << " has the dimensions " << dimensions << " in " << target.objectPath()
-                             << " and " << found << " in " << other.objectPath()
-                             << Foam::exit(Foam::FatalError);
-    }
-    Foam::Field<Type> values("internalField", from, mesh.nCells());
+    const Foam::dimensionSet dimensions(dict->lookup("dimensions"));
     // All lengths, and the density, are the same: of a velocity the first power of the ratio, of a kinematic pressure the second
-    if (Foam::mag(dimensions[Foam::dimensionSet::MASS]) < Foam::SMALL
-        && Foam::mag(dimensions[Foam::dimensionSet::TEMPERATURE]) < Foam::SMALL)
-    {
-        values *= std::pow(ratio, -dimensions[Foam::dimensionSet::TIME]);
+    const bool scaled = Foam::mag(dimensions[Foam::dimensionSet::MASS]) < Foam::SMALL
+                        && Foam::mag(dimensions[Foam::dimensionSet::TEMPERATURE]) < Foam::SMALL;
+    const Foam::scalar power = scaled ? -dimensions[Foam::dimensionSet::TIME] : 0;
+    Foam::Field<Type> values(mesh.nCells(), Foam::Zero);
+    Foam::scalar least = Foam::GREAT;
+    forAll(sources, i) {
+        const auto from = field_file<Type>(mesh, name, sources[i]);
+        if (!from) {
+            return false;
+        }
+        const Foam::dimensionSet found(from->lookup("dimensions"));
+        if (dimensions != found) {
+            FatalErrorInFunction << name << " has the dimensions " << dimensions << " in "
+                                 << dict->objectPath() << " and " << found << " in " << from->objectPath()
+                                 << Foam::exit(Foam::FatalError);
+        }
+        const Foam::Field<Type> part(
+            std::pow(ratios[i], power) * Foam::Field<Type>("internalField", *from, mesh.nCells()));
+        values += weights[i] * part;
+        least = Foam::min(least, Foam::cmptMin(Foam::min(part)));
+    }
+    // What is nowhere negative may not become so, as k and concentrations
+    if (least >= 0) {
+        values = Foam::max(values, least * Foam::pTraits<Type>::one);
     }
 
-    Foam::OFstream os(target.objectPath(), mesh.time().writeFormat());
-    dict.writeHeader(os, volField::typeName);
-    for (const Foam::entry& e : dict) {
+    Foam::OFstream os(dict->objectPath(), mesh.time().writeFormat());
+    dict->writeHeader(os, Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>::typeName);
+    for (const Foam::entry& e : *dict) {
         if (e.keyword() == "internalField") {
             values.writeEntry(e.keyword(), os);
         } else {
@@ -111,23 +140,53 @@ bool take_field(
     }
     Foam::IOobject::writeEndDivider(os);
     if (!os.good()) {
-        FatalErrorInFunction << target.objectPath() << " cannot be written" << Foam::exit(Foam::FatalError);
+        FatalErrorInFunction << dict->objectPath() << " cannot be written" << Foam::exit(Foam::FatalError);
     }
-    Foam::rm(target.objectPath() + ".gz");
+    Foam::rm(dict->objectPath() + ".gz");
     return true;
 }
 
 } // End anonymous namespace
 
-std::size_t m4gn::FoamCase::take_start(rust::Str source, double ratio) const
+std::size_t m4gn::FoamCase::take_start(
+    const rust::Vec<rust::String>& sources, rust::Slice<const double> weights,
+    rust::Slice<const double> ratios) const
 {
-    const Foam::fileName folder(std::string(source.data(), source.size())), own(data_->start_name());
+    const Foam::List<Foam::fileName> from(folders(sources));
+    const Foam::fileName own(data_->start_name());
     std::size_t taken = 0;
     for (const Foam::fileName& file : Foam::readDir(data_->time.path() / own, Foam::fileName::FILE)) {
         const auto take = [&](auto zero) {
-            return take_field<decltype(zero)>(*data_->mesh, Foam::word(file), own, folder, ratio);
+            return take_field<decltype(zero)>(*data_->mesh, Foam::word(file), own, from, weights, ratios);
         };
         taken += take(Foam::scalar()) || take(Foam::vector()) || take(Foam::symmTensor());
     }
     return taken;
+}
+
+rust::Vec<double> m4gn::FoamCase::products(const rust::Vec<rust::String>& names) const
+{
+    const Foam::fvMesh& mesh = *data_->mesh;
+    const Foam::List<Foam::fileName> from(folders(names));
+    std::vector<double> sums(from.size() * from.size(), 0);
+    const Foam::fileName own(data_->start_name());
+    for (const Foam::fileName& name : Foam::readDir(data_->time.path() / own, Foam::fileName::FILE)) {
+        Foam::PtrList<Foam::vectorField> all(from.size());
+        forAll(from, i) {
+            if (const auto dict = field_file<Foam::vector>(mesh, Foam::word(name), from[i])) {
+                all.set(i, new Foam::vectorField("internalField", *dict, mesh.nCells()));
+            }
+        }
+        forAll(from, i) {
+            for (Foam::label j = 0; j <= i && all.set(i); ++j) {
+                if (all.set(j)) {
+                    sums[i * from.size() + j] += Foam::sum(mesh.V().field() * (all[i] & all[j]));
+                    sums[j * from.size() + i] = sums[i * from.size() + j];
+                }
+            }
+        }
+    }
+    rust::Vec<double> result;
+    std::copy(sums.begin(), sums.end(), std::back_inserter(result));
+    return result;
 }

@@ -51,9 +51,11 @@ enum Query {
     /// A field in the folder of the start time: 0 there is none, 1 the note in its header begins with `mark`, 2 it
     /// does not.
     StartField { name: String, mark: String },
-    /// Takes the cells' values of the fields in the folder of the start time from those in another time folder of this mesh, scaled by a
-    /// ratio of velocities where a field has neither mass nor temperature in its dimensions: how many were taken.
-    TakeStart { source: String, ratio: f64 },
+    /// Takes the cells' values of the fields in the folder of the start time from those in other time folders of this mesh: their sum by the
+    /// weights, each scaled by a ratio of velocities where a field has neither mass nor temperature in its dimensions. How many were taken.
+    TakeStart { sources: Vec<String>, weights: Vec<f64>, ratios: Vec<f64> },
+    /// Integrals of the products of the vector fields in such folders with those in the others, a row after the other.
+    Products { folders: Vec<String> },
 }
 
 /// What [`m4gn_foam_write`] does.
@@ -277,7 +279,10 @@ fn answer(case: &mut UniquePtr<FoamCase>, query: Query) -> Result<Vec<f64>, cxx:
         Query::Force { patch, time } => case.force(&patch, time)?,
         Query::Flow { patch, time } => case.flow(&patch, time)?,
         Query::Reaction { patch, time } => case.reaction(&patch, time)?,
-        Query::TakeStart { source, ratio } => vec![case.take_start(&source, ratio)? as f64],
+        Query::TakeStart { sources, weights, ratios } => {
+            vec![case.take_start(&sources, &weights, &ratios)? as f64]
+        }
+        Query::Products { folders } => case.products(&folders)?,
         Query::StartField { name, mark } => {
             let note = case.start_note(&name)?;
             vec![match (note.is_empty(), note.starts_with(&mark)) {

@@ -49,6 +49,7 @@ mod foam {
             values: &[f64],
             segment_record: &str,
         ) -> Result<()>;
-        fn take_start(&self, source: &str, ratio: f64) -> Result<usize>;
+        fn take_start(&self, sources: &Vec<String>, weights: &[f64], ratios: &[f64]) -> Result<usize>;
+        fn products(&self, folders: &Vec<String>) -> Result<Vec<f64>>;
     }
 }

@@ -181,3 +181,17 @@ runs m4gn campaign run --store ranks
 runs m4gn campaign report --store ranks
 below "$(off "$(value ranks r01)" "$(value other r01)")" 0.006 "mean speed on two ranks against one"
 [ -z "$(ls -d ranks/runs/*/case/processor* 2> /dev/null)" ] || fail "folders of ranks are left"
+
+# A flow that repeats itself: runs between others start from the cycles of these
+# shellcheck disable=SC2016  # names of OpenFOAM
+sed -i 's/lid { .*/lid { type uniformFixedValue; uniformValue sine; uniformValueCoeffs { frequency 4; amplitude 0.5; scale ($Ulid 0 0); level ($Ulid 0 0); } value $internalField; }/' \
+    cavity/0/U
+runs m4gn campaign init cavity --out cycles --parameter Ulid=0.5,1,1.5,2,2.5 --parameter n=20
+quantity cycles 'scale = "Ulid"'
+runs m4gn campaign run --store cycles
+runs m4gn campaign one r02 --check --store cycles
+runs m4gn campaign report --store cycles
+[ "$(awk -F, '$(NF - 3) ~ /^cycle r0/ { print $1 }' cycles/results.csv | xargs)" = "r02 r04" ] ||
+    { cat cycles/results.csv; fail "r02 and r04 are not the runs that began from cycles"; }
+checked=$(awk -F, '$(NF - 3) == "check" { print $(NF - 6) }' cycles/results.csv)
+below "$(off "$(value cycles r02 | head -n 1)" "$checked")" 0.01 "mean speed of r02 against its check"

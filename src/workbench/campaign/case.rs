@@ -170,11 +170,19 @@ impl Source {
         Ok(MadeFrom(parts))
     }
 
-    /// Copies the case to `copy`, which is not there yet, with a run's parameters and entries.
+    /// Copies the case to `copy`, which is not there yet, with a run's parameters and entries. `stored`: time between the states that it stores,
+    /// and how many are kept; none: the last one.
     ///
     /// # Errors
     /// [`Error::File`] for what cannot be copied or written.
-    pub fn copy(&self, copy: &Path, settings: &Settings, parameters: &str, plain: bool) -> Result<()> {
+    pub fn copy(
+        &self,
+        copy: &Path,
+        settings: &Settings,
+        parameters: &str,
+        plain: bool,
+        stored: Option<(f64, usize)>,
+    ) -> Result<()> {
         for name in self.contents()? {
             copy_all(&self.folder.join(&name), &copy.join(&name))?;
         }
@@ -185,12 +193,13 @@ impl Source {
         write(&copy.join(PARAMETERS), parameters)?;
         let (control, own) = (copy.join("system/controlDict"), copy.join("system").join(CONTROL));
         fs::rename(&control, &own).map_err(|e| Error::file(&control, format!("cannot be renamed: {e}")))?;
-        write(&control, &self.control_dict(settings, plain))
+        write(&control, &self.control_dict(settings, plain, stored))
     }
 
-    /// The `controlDict` of a run: the user's, from its start time, with the last state stored, and our function objects behind the user's.
-    fn control_dict(&self, s: &Settings, plain: bool) -> String {
+    /// The `controlDict` of a run: the user's, from its start time, with the states that are stored, and our function objects behind the user's.
+    fn control_dict(&self, s: &Settings, plain: bool, stored: Option<(f64, usize)>) -> String {
         let end = s.end_time.unwrap_or(self.end);
+        let (interval, kept) = stored.unwrap_or((end - self.start, 0));
         let ours = self
             .functions
             .iter()
@@ -208,12 +217,11 @@ impl Source {
         let quantities: String = s.quantity.iter().map(entries).collect();
         // The user's first: entries that come later count
         format!(
-            "{}#include \"{CONTROL}\"\nstartFrom startTime;\nstopAt endTime;\nendTime {end};\nwriteControl runTime;\nwriteInterval {};\n\
-             purgeWrite 0;\nrunTimeModifiable no;\nfunctions\n{{\n{off}{surrogate}    {AVERAGES}\n    {{\n        type m4gnAverages;\n        \
+            "{}#include \"{CONTROL}\"\nstartFrom startTime;\nstopAt endTime;\nendTime {end};\nwriteControl runTime;\nwriteInterval {interval};\n\
+             purgeWrite {kept};\nrunTimeModifiable no;\nfunctions\n{{\n{off}{surrogate}    {AVERAGES}\n    {{\n        type m4gnAverages;\n        \
              libs (m4gnAverages);\n        confidence {};\n        stop {stop};\n        minTime {};\n        quantities\n        \
              {{\n{quantities}        }}\n    }}\n}}\n",
             header("controlDict"),
-            end - self.start,
             s.confidence,
             s.min_time,
         )
@@ -332,7 +340,7 @@ mod tests {
     #[test]
     fn a_run_has_our_entries_behind_the_case_s() {
         let (_dir, source) = source(&[]);
-        let text = source.control_dict(&settings(), false);
+        let text = source.control_dict(&settings(), false, None);
         for expected in [
             "#include \"controlDict.case\"\nstartFrom startTime;",
             "endTime 2;\nwriteControl runTime;\nwriteInterval 2;",
@@ -343,7 +351,8 @@ mod tests {
         ] {
             assert!(text.contains(expected), "{expected}: {text}");
         }
-        let plain = source.control_dict(&settings(), true);
+        let plain = source.control_dict(&settings(), true, Some((0.25, 10)));
+        assert!(plain.contains("writeInterval 0.25;\npurgeWrite 10;"), "{plain}");
         assert!(plain.contains("stop no;") && !plain.contains("surrogates"), "{plain}");
     }
 }

@@ -218,9 +218,10 @@ solver = {solver}
 # Above 1: decomposePar, mpirun, reconstructPar
 ranks = {ranks}
 
-# \"nearest\": from the last state of the nearest finished run; \"cold\": from the case's own fields
-start = \"nearest\"
-# A parameter that is a velocity: that state is scaled by it
+# \"cycle\": from the limit cycles of the finished runs around it, else as \"nearest\": from the last state of the nearest one; \"cold\": from the
+# case's own fields
+start = \"cycle\"
+# A parameter that is a velocity: what is taken is scaled by it
 # scale = \"{first}\"
 # A surrogate within the runs, with entries of m4gnSurrogate (docs/how-to/choose-snapshots.md)
 # surrogate = \"dmd\"

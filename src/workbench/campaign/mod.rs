@@ -11,6 +11,7 @@
 //! A run is there when its file `done` is, which is written last; that says from which contents it was made ([`case::MadeFrom`]).
 
 pub mod case;
+pub mod cycle;
 mod init;
 mod one;
 pub mod record;
@@ -160,8 +161,15 @@ impl Campaign {
         for row in (0..self.table.rows.len()).filter(|&row| row != unit.row) {
             let other = Unit { row, check: false };
             if let State::Done(record) = self.state(other)? {
-                let far = start::distance(&self.places[row], &self.places[unit.row]);
-                sisters.push(Sister { record: *record, case: self.folder_of(other).join("case"), far });
+                let places = self.places[row].iter().zip(&self.places[unit.row]);
+                let words =
+                    |row: usize| self.table.rows[row].values.iter().filter(|v| table::number(v).is_none());
+                sisters.push(Sister {
+                    record: *record,
+                    case: self.folder_of(other).join("case"),
+                    offset: places.map(|(theirs, own)| theirs - own).collect(),
+                    same_words: words(row).eq(words(unit.row)),
+                });
             }
         }
         Ok(sisters)

@@ -89,18 +89,20 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
         }
         done => done,
     };
-    source.copy(case, settings, &case::parameters(&campaign.table, row), unit.check)?;
+    let place = settings.scale.as_ref().and_then(|s| campaign.table.parameters.iter().position(|p| p == s));
+    let scale = place.map(|i| (campaign.table.parameters[i].as_str(), row.values[i].as_str()));
+    let duration = settings.end_time.unwrap_or(source.end) - source.start;
+    let stored = match unit.check {
+        true => None,
+        false => start::stored(settings.start, &campaign.sisters(unit)?, scale, duration),
+    };
+    source.copy(case, settings, &case::parameters(&campaign.table, row), unit.check, stored)?;
     settings.prepare.iter().try_for_each(|command| limit(tools.run(case, command)))?;
     let mut cost = Cost { prepare: clock.lap()?, ..Cost::default() };
 
     let started = match unit.check {
         true => Started { kind: "cold".into(), ..Started::default() },
-        false => {
-            let place =
-                settings.scale.as_ref().and_then(|s| campaign.table.parameters.iter().position(|p| p == s));
-            let scale = place.map(|i| (campaign.table.parameters[i].as_str(), row.values[i].as_str()));
-            start::make(settings.start, case, campaign.sisters(unit)?, scale, tools)?
-        }
+        false => start::make(settings.start, case, campaign.sisters(unit)?, scale, tools)?,
     };
     let mut solver = settings.solver.clone();
     if settings.ranks > 1 {
@@ -112,7 +114,8 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
     limit(tools.run(case, &solver))?;
     cost.solver = clock.lap()?;
     if settings.ranks > 1 {
-        limit(tools.run(case, &["reconstructPar", "-latestTime"]))?;
+        let last: &[&str] = if stored.is_some() { &[] } else { &["-latestTime"] };
+        limit(tools.run(case, &[&["reconstructPar"], last].concat()))?;
         for name in names(case)?.iter().filter(|n| n.starts_with("processor")) {
             let _ = fs::remove_dir_all(case.join(name));
         }
@@ -126,7 +129,7 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
             format!("expected fields behind time {} from the run, found none", source.start),
         ));
     };
-    let quantities = figures(campaign, case, &log)?;
+    let (quantities, period) = figures(campaign, case, &log)?;
     if let Some(found) = surrogate::read(case)? {
         cost.surrogate = ["surrogate_seconds", "hand_over_seconds"]
             .iter()
@@ -141,6 +144,7 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
         quantities,
         end_time,
         last,
+        period,
         cost,
         made_from: campaign.made_from(unit),
     })
@@ -160,8 +164,8 @@ fn clear(case: &Path) -> Result<()> {
     Ok(())
 }
 
-/// What the last check of our m4gnAverages said.
-fn figures(campaign: &Campaign, case: &Path, log: &Path) -> Result<BTreeMap<String, Figure>> {
+/// What the last check of our m4gnAverages said: the figures, and the longest period of those that oscillate.
+fn figures(campaign: &Campaign, case: &Path, log: &Path) -> Result<(BTreeMap<String, Figure>, Option<f64>)> {
     let folder = case.join("postProcessing").join(AVERAGES);
     let latest = names(&folder)
         .unwrap_or_default()
@@ -179,7 +183,7 @@ fn figures(campaign: &Campaign, case: &Path, log: &Path) -> Result<BTreeMap<Stri
         )
     })?;
     let all: Value = serde_json::from_str(&text).map_err(|e| Error::file(&path, e.to_string()))?;
-    let mut figures = BTreeMap::new();
+    let (mut figures, mut period) = (BTreeMap::new(), None::<f64>);
     for q in &campaign.settings.quantity {
         let of = |key: &str| all[&q.name][key].as_f64().filter(|v| v.is_finite());
         let found = match q.statistic {
@@ -194,13 +198,15 @@ fn figures(campaign: &Campaign, case: &Path, log: &Path) -> Result<BTreeMap<Stri
                 path.display()
             )));
         };
+        let own = of("frequency").filter(|f| *f > 0.0).map(|f| 1.0 / f);
+        period = period.into_iter().chain(own).max_by(f64::total_cmp);
         let asked = q.tolerance.or(q.relative).is_some();
         figures.insert(
             q.name.clone(),
             Figure { value, half_width, known: asked.then(|| all[&q.name]["settled"] == true) },
         );
     }
-    Ok(figures)
+    Ok((figures, period))
 }
 
 /// Processor time of this process and of all that it has waited for.

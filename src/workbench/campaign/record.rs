@@ -27,6 +27,9 @@ pub struct Record {
     pub end_time: f64,
     /// Name of that state's folder in the run's case.
     pub last: String,
+    /// Longest period of its figures, s, where one oscillates.
+    #[serde(default)]
+    pub period: Option<f64>,
     /// What it took.
     pub cost: Cost,
     /// All that it was made from.
@@ -36,9 +39,9 @@ pub struct Record {
 /// What a run started from.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 pub struct Started {
-    /// `cold` or `nearest`.
+    /// `cold`, `nearest` or `cycle`.
     pub kind: String,
-    /// The run whose last state it was.
+    /// The run whose last state it was, or the runs whose cycles.
     pub sister: Option<String>,
     /// Ratio of velocities by which it was scaled.
     pub ratio: Option<f64>,
@@ -187,6 +190,7 @@ mod tests {
             quantities: BTreeMap::new(),
             end_time: 2.0,
             last: "2".into(),
+            period: None,
             cost: Cost::default(),
             made_from: of("1"),
         };

@@ -190,6 +190,24 @@ fn page(
         page.table(&table);
     }
     page.heading("Cost");
+    let costs = |check: bool| -> Vec<f64> {
+        let units = campaign.units().into_iter().filter(|u| u.check == check);
+        units.filter_map(|u| runs.iter().find(|r| r.unit == u)).map(|r| r.record.cost.total()).collect()
+    };
+    if let Some(of) = balance(&costs(false), &costs(true)) {
+        let (cold, checks) = (number(of.cold, 3), of.checks);
+        page.paragraph(&format!(
+            "By {checks} checks a cold plain run to the end takes {cold} s of processor time: {} such runs {} s, where these took {} s, {} s with \
+             their checks. {}.",
+            of.runs,
+            number(of.runs as f64 * of.cold, 3),
+            number(of.own, 3),
+            number(of.own + of.cold * checks as f64, 3),
+            of.breakeven.map_or("They have not yet saved what the checks took".into(), |n| format!(
+                "With the checks, they pay from run {n} on"
+            ))
+        ));
+    }
     page.paragraph("Processor seconds. Of those of the solver, the surrogate's strides and hand-overs stand beside them.");
     page.table(&cost(campaign, runs));
     Ok(page)
@@ -230,6 +248,36 @@ fn response(campaign: &Campaign, runs: &[Run], quantity: &str, parameter: usize)
         y_label: quantity.into(),
         series,
         axis: Axis::Range,
+    })
+}
+
+/// What runs took beside what cold plain ones would.
+#[derive(Debug, PartialEq)]
+struct Balance {
+    runs: usize,
+    checks: usize,
+    /// Of a check, on average, and of all runs, s.
+    cold: f64,
+    own: f64,
+    /// Runs from which on they and all checks take less than as many cold ones.
+    breakeven: Option<usize>,
+}
+
+/// Of what runs took, in the order in which they are made, and their checks; none without a check.
+fn balance(own: &[f64], checks: &[f64]) -> Option<Balance> {
+    let all: f64 = checks.iter().sum();
+    let cold = all / checks.len() as f64;
+    let saved = own.iter().scan(-all, |saved, cost| {
+        *saved += cold - cost;
+        Some(*saved)
+    });
+    let behind = saved.collect::<Vec<f64>>().iter().rposition(|s| *s < 0.0).map_or(0, |i| i + 1);
+    (!checks.is_empty()).then(|| Balance {
+        runs: own.len(),
+        checks: checks.len(),
+        cold,
+        own: own.iter().sum(),
+        breakeven: (behind < own.len()).then_some(behind + 1),
     })
 }
 
@@ -275,6 +323,7 @@ mod tests {
             quantities: [("Cd".to_string(), figure)].into(),
             end_time: 1.0,
             last: "1".into(),
+            period: None,
             cost: Cost::default(),
             made_from: Default::default(),
         };
@@ -287,5 +336,12 @@ mod tests {
         assert!(of(2.4).holds && !of(2.45).holds);
         assert!((of(2.45).difference - 0.45).abs() < 1e-12);
         assert!(compared(&[run("a", true, 1.0)]).is_empty(), "the run itself is not there yet");
+    }
+    #[test]
+    fn runs_pay_once_they_have_saved_what_checks_took() {
+        let found = balance(&[10.0, 4.0, 2.0, 2.0], &[10.0]).unwrap();
+        assert_eq!((found.cold, found.own, found.breakeven), (10.0, 18.0, Some(3)));
+        assert_eq!(balance(&[10.0, 4.0], &[10.0]).unwrap().breakeven, None);
+        assert_eq!(balance(&[10.0], &[]), None);
     }
 }

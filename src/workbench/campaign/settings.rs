@@ -224,7 +224,7 @@ mod tests {
         let s = read(GOOD).unwrap();
         assert!(s.case.ends_with("../cavity") && s.case.is_absolute());
         assert_eq!((s.ranks, s.jobs, s.held_out, s.stop), (1, 1, 0.1, true));
-        assert_eq!((s.start, s.quantity[0].statistic), (Start::Nearest, Statistic::Mean));
+        assert_eq!((s.start, s.quantity[0].statistic), (Start::Cycle, Statistic::Mean));
         s.check_quantities(Path::new("c")).unwrap();
     }
 
@@ -237,7 +237,11 @@ mod tests {
             ("scale = \"U\"", "held_out = 2", "held_out = 2: expected a share"),
             ("scale = \"U\"", "surrogate = \"pod\"", "expected \"dmd\""),
             ("scale = \"U\"", "surrogate_entries = \"a 1;\"", "expected surrogate = \"dmd\" as well"),
-            ("scale = \"U\"", "start = \"warm\"", "unknown variant `warm`, expected `cold` or `nearest`"),
+            (
+                "scale = \"U\"",
+                "start = \"warm\"",
+                "unknown variant `warm`, expected one of `cold`, `nearest`, `cycle`",
+            ),
             ("relative = 0.01", "relative = 0.01\ntolerance = 1.0", "found both"),
             ("relative = 0.01", "relative = -1", "expected a positive number"),
             ("relative = 0.01", "component = \"w\"", "expected x, y or z"),

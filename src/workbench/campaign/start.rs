@@ -1,11 +1,12 @@
 //! What a run starts from.
 
 use super::case::write;
+use super::cycle::{self, Cycle};
 use super::record::{Record, Started};
 use super::table::number;
-use crate::check::copy::{header, names};
+use crate::check::copy::{copy_all, header, names, time};
 use crate::digest::Digest;
-use crate::foam_case::FoamCase;
+use crate::foam_case::{FoamCase, Source};
 use crate::generate::process::Surroundings;
 use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -18,8 +19,10 @@ pub enum Start {
     /// The case's own first fields.
     Cold,
     /// The last state of the finished run that is nearest in its parameters; the case's own fields while there is none.
-    #[default]
     Nearest,
+    /// The limit cycles of the finished runs around it, interpolated at one phase; as `Nearest` while there are none.
+    #[default]
+    Cycle,
 }
 
 /// A finished run that another may start from.
@@ -29,13 +32,42 @@ pub struct Sister {
     pub record: Record,
     /// Its case.
     pub case: PathBuf,
-    /// Distance of its parameters ([`distance`]).
-    pub far: f64,
+    /// Its place in the parameters, each of which goes from 0 to 1, less the other's.
+    pub offset: Vec<f64>,
+    /// Whether both have the same words among their parameters.
+    pub same_words: bool,
 }
+
+impl Sister {
+    fn far(&self) -> f64 {
+        self.offset.iter().map(|x| x * x).sum::<f64>().sqrt()
+    }
+}
+
+/// A run's velocity: name and value of the parameter.
+pub type Scale<'a> = Option<(&'a str, &'a str)>;
 
 /// Distance of two places in the parameters, each of which goes from 0 to 1.
 pub fn distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum::<f64>().sqrt()
+}
+
+/// The nearest first.
+fn sorted(mut sisters: Vec<Sister>) -> Vec<Sister> {
+    sisters.sort_by(|a, b| a.far().total_cmp(&b.far()));
+    sisters
+}
+
+/// Time between two states that a run stores for its sisters, and how many it keeps; none: it stores its last one.
+///
+/// A run whose nearest sister oscillates stores a period's states, the first run of a campaign some of its end.
+pub fn stored(start: Start, sisters: &[Sister], scale: Scale<'_>, duration: f64) -> Option<(f64, usize)> {
+    let nearest = sisters.iter().min_by(|a, b| a.far().total_cmp(&b.far()));
+    let period = match nearest {
+        None => None,
+        Some(sister) => Some(sister.record.period? / ratio(scale, &sister.record).unwrap_or(1.0).abs()),
+    };
+    (start == Start::Cycle).then(|| cycle::stored(period, duration))
 }
 
 /// Puts the fields that a run is to start from into the first time of its case, whose mesh is made. `scale`: the parameter that is a velocity,
@@ -49,90 +81,141 @@ pub fn make(
     start: Start,
     case: &Path,
     sisters: Vec<Sister>,
-    scale: Option<(&str, &str)>,
+    scale: Scale<'_>,
     tools: &Surroundings,
 ) -> Result<Started> {
     let cold = |note: Option<String>| Started { kind: "cold".into(), note, ..Started::default() };
-    match start {
-        Start::Cold => Ok(cold(None)),
-        Start::Nearest => {
-            let Some(sister) = sisters.into_iter().min_by(|a, b| a.far.total_cmp(&b.far)) else {
-                return Ok(cold(Some("no sister is finished".into())));
-            };
-            match nearest(case, &sister, scale, tools) {
-                Ok(started) => Ok(started),
-                Err(Error::Interrupted(e)) => Err(Error::Interrupted(e)),
-                Err(e) => {
-                    Ok(cold(Some(format!("the state of {} cannot be taken: {e}", sister.record.case_name))))
-                }
-            }
+    let sisters = sorted(sisters);
+    if start == Start::Cold {
+        return Ok(cold(None));
+    }
+    let Some(sister) = sisters.first() else {
+        return Ok(cold(Some("no sister is finished".into())));
+    };
+    let mut note = None;
+    if start == Start::Cycle {
+        match cycles(case, &sisters, scale) {
+            Ok(Some(started)) => return Ok(started),
+            Ok(None) => {}
+            Err(Error::Interrupted(e)) => return Err(Error::Interrupted(e)),
+            Err(e) => note = Some(format!("the cycles of its sisters cannot be taken: {e}")),
         }
+    }
+    match nearest(case, sister, scale, tools) {
+        Ok(started) => Ok(Started { note, ..started }),
+        Err(Error::Interrupted(e)) => Err(Error::Interrupted(e)),
+        Err(e) => Ok(cold(Some(format!("the state of {} cannot be taken: {e}", sister.record.case_name)))),
     }
 }
 
-fn nearest(
-    case: &Path,
-    sister: &Sister,
-    scale: Option<(&str, &str)>,
-    tools: &Surroundings,
-) -> Result<Started> {
-    let ratio = match scale {
-        Some((name, value)) => Some(ratio(name, value, &sister.record)?),
-        None => None,
-    };
+fn nearest(case: &Path, sister: &Sister, scale: Scale<'_>, tools: &Surroundings) -> Result<Started> {
+    let own_ratio = ratio(scale, &sister.record)?;
     let mapped = mesh(case)? != mesh(&sister.case)?;
-    let first = first_fields(case)?;
-    let kept = case.join("start.cold");
-    // What is half taken is put back
-    crate::check::copy::copy_all(&first, &kept)?;
-    let taken = take(case, sister, ratio, mapped, &first, tools);
-    if taken.is_err() {
-        std::fs::remove_dir_all(&first)
-            .and_then(|()| std::fs::rename(&kept, &first))
-            .map_err(|e| Error::file(&first, format!("cannot be put back: {e}")))?;
-    }
-    let _ = std::fs::remove_dir_all(&kept);
-    taken?;
+    taken(case, |first| {
+        let from = |folder: PathBuf| {
+            take(&mut FoamCase::open(case)?, &[Source { folder, weight: 1.0, ratio: own_ratio }])
+        };
+        if !mapped {
+            return from(sister.case.join(&sister.record.last));
+        }
+        // Only cells are mapped: the values of boundaries are the run's own
+        write(
+            &case.join("system/mapFieldsDict"),
+            &(header("mapFieldsDict") + "patchMap ();\ncuttingPatches ();\n"),
+        )?;
+        let theirs = sister.case.display().to_string();
+        tools.run(
+            case,
+            &["mapFields", &theirs, "-sourceTime", &sister.record.last, "-mapMethod", "interpolate"],
+        )?;
+        match scale {
+            None => Ok(()),
+            Some(_) => from(first.to_path_buf()),
+        }
+    })?;
     Ok(Started {
         kind: "nearest".into(),
         sister: Some(sister.record.case_name.clone()),
-        ratio,
+        ratio: scale.map(|_| own_ratio),
         mapped,
         note: None,
     })
 }
 
-fn take(
-    case: &Path,
-    sister: &Sister,
-    ratio: Option<f64>,
-    mapped: bool,
-    first: &Path,
-    tools: &Surroundings,
-) -> Result<()> {
-    let source = match mapped {
-        false => sister.case.join(&sister.record.last),
-        true => {
-            // Only cells are mapped: the values of boundaries are the run's own
-            write(
-                &case.join("system/mapFieldsDict"),
-                &(header("mapFieldsDict") + "patchMap ();\ncuttingPatches ();\n"),
-            )?;
-            let from = sister.case.display().to_string();
-            tools.run(
-                case,
-                &["mapFields", &from, "-sourceTime", &sister.record.last, "-mapMethod", "interpolate"],
-            )?;
-            first.to_path_buf()
-        }
-    };
-    if mapped && ratio.is_none() {
-        return Ok(());
+/// Changes the fields that a case begins with; what is half changed is put back.
+fn taken(case: &Path, change: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+    let (first, kept) = (first_fields(case)?, case.join("start.cold"));
+    copy_all(&first, &kept)?;
+    let done = change(&first);
+    if done.is_err() {
+        std::fs::remove_dir_all(&first)
+            .and_then(|()| std::fs::rename(&kept, &first))
+            .map_err(|e| Error::file(&first, format!("cannot be put back: {e}")))?;
     }
-    match FoamCase::open(case)?.take_start(&source, ratio.unwrap_or(1.0))? {
-        0 => Err(Error::file(&source, "has none of the fields that the run begins with: expected some")),
+    let _ = std::fs::remove_dir_all(&kept);
+    done
+}
+
+fn take(case: &mut FoamCase, sources: &[Source]) -> Result<()> {
+    match case.take_start(sources)? {
+        0 => {
+            let source = sources.first().map_or(Path::new(""), |s| &s.folder);
+            Err(Error::file(source, "has none of the fields that the run begins with: expected some"))
+        }
         _ => Ok(()),
     }
+}
+
+/// The start from the cycles of the runs around a run, the nearest first; none where they lie not around it, are of other meshes, or are no
+/// cycles.
+fn cycles(case: &Path, sisters: &[Sister], scale: Scale<'_>) -> Result<Option<Started>> {
+    let own = mesh(case)?;
+    let all: Vec<&Sister> = sisters.iter().filter(|s| s.same_words).collect();
+    let offsets: Vec<Vec<f64>> = all.iter().map(|s| s.offset.clone()).collect();
+    let most = cycle::looked_at(cycle::spanned(&offsets).first().map_or(0, Vec::len));
+    let (mut some, mut folders) = (Vec::new(), Vec::new());
+    for sister in all {
+        let (Some(period), true) = (sister.record.period, some.len() < most) else { continue };
+        if mesh(&sister.case)? == own {
+            let (times, of_it) = states(&sister.case)?;
+            some.push((sister, period, times, folders.len()));
+            folders.extend(of_it);
+        }
+    }
+    if some.len() < 2 {
+        return Ok(None);
+    }
+    let mut open = FoamCase::open(case)?;
+    let products = open.products(&folders)?;
+    let mut known: Vec<(&Sister, Cycle, f64, usize)> = Vec::new();
+    for (sister, period, times, from) in some {
+        let Some(cycle) = Cycle::new(&times, period, &|i, j| products[from + i][from + j]) else { continue };
+        let phase = match known.first() {
+            None => 0.0,
+            Some((_, first, _, at)) => cycle.ahead_of(first, &|i, j| products[at + i][from + j]),
+        };
+        known.push((sister, cycle, phase, from));
+    }
+    let offsets: Vec<Vec<f64>> = known.iter().map(|k| k.0.offset.clone()).collect();
+    let Some(weights) = cycle::weights(&offsets) else { return Ok(None) };
+    let mut sources = Vec::new();
+    for ((sister, cycle, phase, from), share) in known.iter().zip(&weights) {
+        let ratio = ratio(scale, &sister.record)?;
+        let of_it = folders[*from..].iter().zip(cycle.weights(*phase));
+        sources.extend(of_it.map(|(folder, w)| Source { folder: folder.clone(), weight: share * w, ratio }));
+    }
+    taken(case, |_| take(&mut open, &sources))?;
+    let names: Vec<&str> = known.iter().map(|k| k.0.record.case_name.as_str()).collect();
+    Ok(Some(Started { kind: "cycle".into(), sister: Some(names.join(" ")), ..Started::default() }))
+}
+
+/// Times and folders of the states that a run has stored, in order, without the one that it began with.
+fn states(case: &Path) -> Result<(Vec<f64>, Vec<PathBuf>)> {
+    let first = first_fields(case)?;
+    let times = names(case)?.into_iter().filter_map(|n| time(&n).map(|t| (t, case.join(n))));
+    let mut all: Vec<(f64, PathBuf)> = times.filter(|(_, folder)| *folder != first).collect();
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(all.into_iter().unzip())
 }
 
 /// The folder of the fields that a case begins with.
@@ -140,8 +223,9 @@ fn first_fields(case: &Path) -> Result<PathBuf> {
     Ok(FoamCase::open(case)?.start_folder())
 }
 
-/// The run's value of the velocity over the sister's.
-fn ratio(name: &str, value: &str, sister: &Record) -> Result<f64> {
+/// The run's value of the velocity over the sister's; 1 of none.
+fn ratio(scale: Scale<'_>, sister: &Record) -> Result<f64> {
+    let Some((name, value)) = scale else { return Ok(1.0) };
     let theirs = sister.parameters.get(name).map_or("", String::as_str);
     match (number(value), number(theirs)) {
         (Some(own), Some(other)) if other != 0.0 && own != 0.0 => Ok(own / other),
@@ -195,11 +279,13 @@ mod tests {
                 quantities: Default::default(),
                 end_time: 1.0,
                 last: "1".into(),
+                period: None,
                 cost: Default::default(),
                 made_from: Default::default(),
             },
             case: dir.path().to_path_buf(),
-            far: 0.1,
+            offset: vec![0.1],
+            same_words: true,
         };
         let zero = of(vec![sister("0")], Start::Nearest);
         assert!(zero.note.unwrap().contains("scale = \"U\": expected numbers other than 0, found 2 and 0"));

@@ -3,7 +3,7 @@
 use super::FoamCase;
 use m4gn_base::{Error, Result};
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Who wrote a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,16 +59,45 @@ impl FoamCase {
         self.handle.write(&request, &values)
     }
 
-    /// Takes the cells' values of the fields in the folder of the start time from `source`, a time folder of a case of the same mesh; their
-    /// boundary conditions stay. Fields that have neither mass nor temperature in their dimensions are scaled by `ratio` to the power that
-    /// the second has in them, a velocity's by the first and a kinematic pressure's by the second power. Returns how many fields were taken.
+    /// Takes the cells' values of the fields in the folder of the start time from `sources`, time folders of cases of the same mesh: the sum of
+    /// theirs by the weights. Boundary conditions stay. Fields that have neither mass nor temperature in their dimensions are scaled by the
+    /// ratio of each source to the power that the second has in them, a velocity's by the first and a kinematic pressure's by the second
+    /// power. Returns how many fields were taken: those that all sources have.
     ///
     /// # Errors
     /// OpenFOAM's message for fields of other sizes or dimensions, and files that cannot be read or written.
-    pub fn take_start(&mut self, source: &Path, ratio: f64) -> Result<usize> {
-        let source =
-            std::path::absolute(source).map_err(|e| Error::file(source, format!("is no path: {e}")))?;
-        let found = self.handle.query(&json!({ "query": "take_start", "source": source, "ratio": ratio }))?;
-        Ok(found[0] as usize)
+    pub fn take_start(&mut self, sources: &[Source]) -> Result<usize> {
+        let of = |f: fn(&Source) -> f64| sources.iter().map(f).collect::<Vec<f64>>();
+        let (weights, ratios) = (of(|s| s.weight), of(|s| s.ratio));
+        let sources = absolute(sources.iter().map(|s| &s.folder))?;
+        let request =
+            json!({ "query": "take_start", "sources": sources, "weights": weights, "ratios": ratios });
+        Ok(self.handle.query(&request)?[0] as usize)
     }
+
+    /// Integrals of the products of the vector fields in time folders with those in the others, of all fields that the folder of the start time
+    /// has: a row a folder.
+    ///
+    /// # Errors
+    /// OpenFOAM's message for fields of other sizes, and files that cannot be read.
+    pub fn products(&mut self, folders: &[PathBuf]) -> Result<Vec<Vec<f64>>> {
+        let all = self.handle.query(&json!({ "query": "products", "folders": absolute(folders)? }))?;
+        Ok(all.chunks_exact(folders.len().max(1)).map(<[f64]>::to_vec).collect())
+    }
+}
+
+/// A time folder that a start is taken from.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// The folder.
+    pub folder: PathBuf,
+    /// Its share.
+    pub weight: f64,
+    /// Own velocity over that of its run.
+    pub ratio: f64,
+}
+
+fn absolute<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<Vec<PathBuf>> {
+    let path = |p: &PathBuf| std::path::absolute(p).map_err(|e| Error::file(p, format!("is no path: {e}")));
+    paths.into_iter().map(path).collect()
 }

@@ -5,7 +5,7 @@ mod fields;
 mod mesh;
 mod solid;
 
-pub use fields::Stored;
+pub use fields::{Source, Stored};
 pub use solid::{Reaction, Unknown};
 
 use crate::foam_bridge;
