@@ -6,7 +6,7 @@ use m4gn_workbench::campaign::sampling::{Method, Parameter};
 use m4gn_workbench::campaign::{self, Campaign, Order, Request};
 use std::path::PathBuf;
 
-/// Make runs of a case over its parameters, each of which starts from its nearest sister and ends when its figures are known
+/// Make runs of a case over its parameters, each of which starts from its sisters and ends when its figures are known
 ///
 /// 'init' makes a folder with campaign.toml and parameters.csv of a case, 'run' makes what is missing, 'report' writes results.csv and report.html.
 /// 'one' makes a single run, for Slurm arrays, Snakemake and other loops. See docs/how-to/run-a-campaign.md.

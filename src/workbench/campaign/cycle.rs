@@ -43,7 +43,8 @@ impl Cycle {
     pub fn new(times: &[f64], period: f64, product: &dyn Fn(usize, usize) -> f64) -> Option<Cycle> {
         let (n, columns) = (times.len(), 2 * HARMONICS + 1);
         let end = *times.last()?;
-        if n <= columns || !(period > 0.0) || end - times[0] < COVERED * period {
+        let covered = period > 0.0 && end - times[0] >= COVERED * period;
+        if n <= columns || !covered {
             return None;
         }
         let basis = Mat::from_fn(n, columns, |i, c| {
@@ -56,7 +57,7 @@ impl Cycle {
         });
         let svd = basis.thin_svd().ok()?;
         let values = svd.S().column_vector();
-        if !(values[columns - 1] > INDEPENDENT * values[0]) {
+        if values[columns - 1] <= INDEPENDENT * values[0] {
             return None;
         }
         let rows = svd.pseudoinverse();
