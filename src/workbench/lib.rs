@@ -28,4 +28,5 @@ pub mod hybrid;
 pub mod predict;
 pub mod signal;
 pub mod study;
+mod user_case;
 pub mod validate;

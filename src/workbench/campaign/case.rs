@@ -2,9 +2,9 @@
 
 use super::settings::{Quantity, Settings, Statistic};
 use super::table::{Row, Table};
-use crate::check::copy::{LEFT_OUT, copy_all, entry, function_objects, header, names, time};
 use crate::digest::Digest;
 use crate::generate::process::Surroundings;
+use crate::user_case::{LEFT_OUT, copy_all, entry, function_objects, header, names, time};
 use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

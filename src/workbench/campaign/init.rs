@@ -4,9 +4,9 @@ use super::case::{PARAMETERS, Source, parameters};
 use super::sampling::{Method, Parameter, sample};
 use super::survey::{check_uses, commands};
 use super::{settings, table};
-use crate::check::copy::entry;
 use crate::generate::openfoam::plain_path;
 use crate::generate::process::Surroundings;
+use crate::user_case::entry;
 use m4gn_base::{Error, Result, files, refuse};
 use std::path::PathBuf;
 

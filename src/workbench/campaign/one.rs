@@ -5,10 +5,10 @@ use super::record::{self, Cost, DONE, FAILED, Failure, Figure, Record, Started, 
 use super::settings::Statistic;
 use super::start;
 use super::{Campaign, Unit};
-use crate::check::copy::{names, time};
 use crate::compare::surrogate;
 use crate::generate::case::program;
 use crate::generate::process::Surroundings;
+use crate::user_case::{names, time};
 use m4gn_base::{Error, Result, files};
 use serde_json::Value;
 use std::collections::BTreeMap;

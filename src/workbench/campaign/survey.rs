@@ -3,7 +3,7 @@
 use super::case::{PARAMETERS, Source};
 use super::sampling::{Parameter, Values};
 use super::table::number;
-use crate::check::copy::{has_mesh, mentions};
+use crate::user_case::{has_mesh, mentions};
 use m4gn_base::{Error, Result, files};
 use std::path::Path;
 

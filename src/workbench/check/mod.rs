@@ -1,8 +1,6 @@
 //! Whether a case fits: its solver runs a few steps in a copy of it, with the function object m4gnSurrogate in mode check, which refuses and hands over
 //! by the same code as in a run.
 
-pub(crate) mod copy;
-pub(crate) mod log;
 mod report;
 mod verdict;
 
@@ -14,7 +12,7 @@ use crate::generate::family::{self, Family};
 use crate::generate::openfoam::{absolute, environment, plain_path};
 use crate::generate::parameter::Settings;
 use crate::generate::process::{Surroundings, excerpt};
-use copy::Copy;
+use crate::user_case::{Copy, log};
 use m4gn_base::{Error, Result};
 use m4gn_parallel::Comm;
 use m4gn_report::number;
@@ -25,6 +23,9 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicU8;
 use std::time::{Duration, Instant};
 use verdict::{End, Verdict};
+
+/// Name of the function object that checks.
+const NAME: &str = "m4gnCheck";
 
 /// Steps between the frames that a network is made from.
 const STEPS: usize = 5;
@@ -200,11 +201,11 @@ fn one(plan: &Plan, copy: &Copy, surrogate: &str, entries: &str, tools: &Surroun
     let path = copy.folder.join("report.json");
     let _ = fs::remove_file(&path);
     // Of the surrogate before
-    let _ = fs::remove_dir_all(copy.folder.join("postProcessing").join(copy::NAME));
+    let _ = fs::remove_dir_all(copy.folder.join("postProcessing").join(NAME));
     copy.control_dict(
         "",
         &format!(
-            "type m4gnSurrogate; mode check; report \"{}\"; seconds {}; surrogates ({surrogate}); {entries}",
+            "{NAME} {{ type m4gnSurrogate; mode check; report \"{}\"; seconds {}; surrogates ({surrogate}); {entries} libs (m4gnFoam); }}",
             path.display(),
             plan.seconds
         ),
@@ -215,7 +216,7 @@ fn one(plan: &Plan, copy: &Copy, surrogate: &str, entries: &str, tools: &Surroun
     if let Err(Error::Interrupted(e)) = done {
         return Err(Error::Interrupted(e));
     }
-    let log = copy.in_words_of_the_case(&excerpt(&copy.folder.join(format!("log.{}", program(&solver)))));
+    let log = words(copy, &excerpt(&copy.folder.join(format!("log.{}", program(&solver)))));
     let text = fs::read_to_string(&path).unwrap_or_default();
     let report: Report = match text.is_empty() {
         true => Report::default(),
@@ -229,12 +230,17 @@ fn one(plan: &Plan, copy: &Copy, surrogate: &str, entries: &str, tools: &Surroun
         Verdict::No(why) => (Some(why), false),
         Verdict::Open(what) => (Some(what), true),
     };
-    let decisions = decisions::read(&copy.folder, copy::NAME)?;
+    let decisions = decisions::read(&copy.folder, NAME)?;
     let mut notes: Vec<String> =
         decisions::last(&decisions, "handed_back").map(jump_text).into_iter().collect();
     notes.extend(log::warnings(&log).into_iter().map(|w| format!("warning: {w}")));
     let stride = report.suggestion().and_then(|s| stride(&decisions, s.window));
     Ok(Finding { surrogate: surrogate.into(), why, open, notes, stride, report })
+}
+
+/// A text of a run in the copy, in the words of the case.
+fn words(copy: &Copy, text: &str) -> String {
+    copy.in_words_of_the_case(text).replace(NAME, "surrogate")
 }
 
 /// What the jump was, for people.
@@ -302,7 +308,7 @@ fn random(
     copy.control_dict(
         &format!("endTime {};", report.start_time + (STEPS * FRAMES) as f64 * report.delta_t),
         &format!(
-            "type m4gnRecorder; fields ({}); {place} file \"{}\"; overwrite yes; writeControl timeStep; writeInterval {STEPS};",
+            "{NAME} {{ type m4gnRecorder; fields ({}); {place} file \"{}\"; overwrite yes; writeControl timeStep; writeInterval {STEPS}; libs (m4gnFoam); }}",
             names.join(" "),
             data.display()
         ),
@@ -312,7 +318,7 @@ fn random(
         let log = excerpt(&copy.folder.join(format!("log.{}", program(&solver))));
         match e {
             Error::Interrupted(_) => e,
-            e => Error::Input(copy.in_words_of_the_case(&log::words(&log, &e))),
+            e => Error::Input(words(copy, &log::words(&log, &e))),
         }
     })?;
     let request = Request {

@@ -1,6 +1,7 @@
 //! Whether a surrogate fits, by how far its run came and how that ended.
 
-use super::{Report, log};
+use super::Report;
+use crate::user_case::log;
 use m4gn_base::Error;
 
 /// Steps that a jump takes, and the solver's next ones.

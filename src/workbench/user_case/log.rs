@@ -15,7 +15,7 @@ pub(crate) fn fatal(log: &str) -> Option<(String, bool)> {
 }
 
 /// Why OpenFOAM has left the function object out, which it tells as a warning.
-pub(super) fn dropped(log: &str) -> Option<String> {
+pub(crate) fn dropped(log: &str) -> Option<String> {
     let lines: Vec<&str> = log.lines().map(plain).collect();
     let end = lines.iter().position(|l| l.contains("while loading function object"))?;
     let begin = lines[..end].iter().rposition(|l| l.contains("FOAM Warning"))?;
@@ -24,7 +24,7 @@ pub(super) fn dropped(log: &str) -> Option<String> {
 }
 
 /// m4gn's warnings.
-pub(super) fn warnings(log: &str) -> Vec<String> {
+pub(crate) fn warnings(log: &str) -> Vec<String> {
     let lines: Vec<&str> = log.lines().map(plain).collect();
     let mut found = Vec::new();
     for (i, _) in lines.iter().enumerate().filter(|(_, l)| l.contains("FOAM Warning")) {
@@ -40,7 +40,7 @@ pub(super) fn warnings(log: &str) -> Vec<String> {
 }
 
 /// What a program said when it failed: OpenFOAM's error, or its own end.
-pub(super) fn words(log: &str, error: &Error) -> String {
+pub(crate) fn words(log: &str, error: &Error) -> String {
     let said = match error {
         Error::File { message, .. } => message.replace("--timeout", "--seconds"),
         error => error.to_string(),

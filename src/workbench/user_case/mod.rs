@@ -1,0 +1,136 @@
+//! A user's case: what its files say, asked of OpenFOAM's own programs, and a copy of it that its solver can run in.
+
+mod copy;
+pub(crate) mod log;
+
+pub(crate) use copy::Copy;
+
+use crate::generate::process::{Surroundings, ends, excerpt};
+use m4gn_base::{Error, Result};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// What is not of use to a run.
+pub(crate) const LEFT_OUT: [&str; 4] = ["postProcessing", "VTK", "logs", "dynamicCode"];
+
+/// Of longer files the begin and the end are searched for names of other files.
+const SEARCHED: usize = 1 << 18;
+
+/// What an OpenFOAM dictionary begins with.
+pub(crate) fn header(object: &str) -> String {
+    format!("FoamFile {{ version 2.0; format ascii; class dictionary; object {object}; }}\n")
+}
+
+/// An entry of a dictionary, as OpenFOAM reads it; none: it has none. The program works in `folder`.
+pub(crate) fn entry(folder: &Path, file: &Path, name: &str, tools: &Surroundings) -> Result<Option<String>> {
+    let done = tools.run(folder, &["foamDictionary", "-entry", name, "-value", &file.display().to_string()]);
+    let log = excerpt(&folder.join("log.foamDictionary"));
+    match done {
+        Ok(()) => Ok(log.lines().rfind(|l| !l.trim().is_empty()).map(|l| l.trim().to_string())),
+        Err(Error::Interrupted(e)) => Err(Error::Interrupted(e)),
+        Err(_) if log.contains("Cannot find entry") => Ok(None),
+        Err(e) => Err(Error::file(file, log::words(&log, &e))),
+    }
+}
+
+/// Names and types of the function objects in a `controlDict`.
+pub(crate) fn function_objects(
+    folder: &Path,
+    control: &Path,
+    tools: &Surroundings,
+) -> Result<Vec<(String, String)>> {
+    if entry(folder, control, "functions", tools)?.is_none() {
+        return Ok(Vec::new());
+    }
+    let path = control.display().to_string();
+    let listed = tools.run(folder, &["foamDictionary", "-entry", "functions", "-keywords", &path]);
+    let names = excerpt(&folder.join("log.foamDictionary"));
+    let mut found = Vec::new();
+    for name in names.lines().map(str::trim).filter(|n| listed.is_ok() && !n.is_empty()) {
+        if let Some(kind) = entry(folder, control, &format!("functions/{name}/type"), tools)? {
+            found.push((name.to_string(), kind));
+        }
+    }
+    Ok(found)
+}
+
+/// Whether a case has a mesh.
+pub(crate) fn has_mesh(case: &Path) -> bool {
+    ["faces", "faces.gz"].iter().any(|f| case.join("constant/polyMesh").join(f).exists())
+        // Of several regions each has its own
+        || fs::read_dir(case.join("constant")).into_iter().flatten().flatten().any(|e| e.path().join("polyMesh/faces").exists())
+}
+
+/// Names of all that a folder has.
+pub(crate) fn names(folder: &Path) -> Result<Vec<String>> {
+    let entries = fs::read_dir(folder).map_err(|e| Error::file(folder, format!("cannot be read: {e}")))?;
+    Ok(entries.flatten().filter_map(|e| e.file_name().into_string().ok()).collect())
+}
+
+/// The time that a folder is of; none: it is of none.
+pub(crate) fn time(name: &str) -> Option<f64> {
+    name.parse::<f64>().ok().filter(|t| t.is_finite())
+}
+
+/// Copies a file, or a folder with all that is in it. Links become what they lead to; those that lead nowhere or back to where they are,
+/// pipes and devices are left out.
+pub(crate) fn copy_all(from: &Path, to: &Path) -> Result<()> {
+    copy_within(from, to, &mut Vec::new())
+}
+
+fn copy_within(from: &Path, to: &Path, open: &mut Vec<PathBuf>) -> Result<()> {
+    let failed = |e: std::io::Error| {
+        Error::file(from, format!("cannot be copied to {}: {e}; TMPDIR says where copies go", to.display()))
+    };
+    let Ok(kind) = fs::metadata(from) else { return Ok(()) };
+    if kind.is_file() {
+        let copied = || {
+            to.parent().map_or(Ok(()), fs::create_dir_all)?;
+            std::io::copy(&mut fs::File::open(from)?, &mut fs::File::create(to)?)
+        };
+        return copied().map(drop).map_err(failed);
+    }
+    let real = from.canonicalize().map_err(failed)?;
+    if !kind.is_dir() || open.contains(&real) {
+        return Ok(());
+    }
+    fs::create_dir_all(to).map_err(failed)?;
+    open.push(real);
+    for name in names(from)? {
+        copy_within(&from.join(&name), &to.join(&name), open)?;
+    }
+    open.pop();
+    Ok(())
+}
+
+/// Texts of all files here, of long ones the begin and the end.
+fn read_all(path: &Path, texts: &mut Vec<String>) {
+    if path.is_dir() {
+        names(path).unwrap_or_default().iter().for_each(|name| read_all(&path.join(name), texts));
+    } else {
+        texts.push(ends(path, SEARCHED));
+    }
+}
+
+/// Whether a text has this name as a whole part of a path.
+pub(crate) fn mentions(text: &str, name: &str) -> bool {
+    let inside = |c: char| c.is_alphanumeric() || "_-.".contains(c);
+    text.match_indices(name).any(|(at, _)| {
+        let (before, after) = (text[..at].chars().next_back(), text[at + name.len()..].chars().next());
+        !before.is_some_and(inside) && !after.is_some_and(inside)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_whole_parts_of_paths() {
+        assert!(
+            mentions("#include \"../shared\"", "../shared") && mentions("a ../../shared/b;", "../shared")
+        );
+        assert!(!mentions("../shared2", "../shared") && !mentions("\"shared\"", "../shared"));
+        assert!(mentions("\"inlet.csv\"", "inlet.csv") && !mentions("my-inlet.csv", "inlet.csv"));
+    }
+}
