@@ -128,11 +128,14 @@ impl Ride<'_> {
     /// Tells that a jump begins, where one does.
     pub(crate) fn tell_begun(&mut self) {
         let Phase::Jumping(jump) = &self.phase else { return };
-        let jumper = self.candidates[jump.surrogate].describe();
+        let candidate = &self.candidates[jump.surrogate];
+        let (jumper, control) = (candidate.describe(), candidate.control.as_ref());
         let [error, estimate] = jump.expected.map_or([None; 2], |e| e.map(Some));
+        let advanced = self.layout.pick(&jumper.advances);
         let decided = json!({
             "surrogate": jumper.name, "strides": jump.strides, "stride": jumper.stride, "limited_by": jump.limited, "error": error,
-            "estimate": estimate,
+            "estimate": estimate, "fields": advanced.iter().map(|a| &a.name).collect::<Vec<_>>(),
+            "tolerance": control.map(|c| c.settings().tolerance), "held": control.map(|c| c.held()),
         });
         self.decisions.tell(&self.step, "jump_begun", &decided);
     }

@@ -246,6 +246,11 @@ impl Control {
         &self.settings
     }
 
+    /// Names of the fields that the tolerance holds for.
+    pub fn held(&self) -> Vec<&str> {
+        self.watched().map(|(_, t)| t.name.as_str()).collect()
+    }
+
     /// Names of the watched fields whose growth the model does not know; their errors are reckoned to add up.
     pub fn not_calibrated(&self) -> Vec<&str> {
         let watched = self.watched().filter(|(_, t)| t.growth == Growth::Unknown);
