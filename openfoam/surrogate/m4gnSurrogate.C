@@ -124,11 +124,11 @@ void Foam::functionObjects::m4gnSurrogate::jump()
     }
 
     refuseMemory();
+    jump_->begin();
     jumping_ = true;
     setProperty(solverDeltaT, time_.deltaTValue());
     // A fit hands back old levels of the solver's own step
-    const bool completed = completions_.set(pending_.surrogate);
-    setProperty(stepBefore, completed ? pending_.duration : time_.deltaTValue());
+    setProperty(stepBefore, completions_.set(pending_.surrogate) ? pending_.duration : time_.deltaTValue());
     const bool jumped = jump_->run(pending_, *this);
     setProperty(solverDeltaT, scalar(0));
     jumping_ = false;
@@ -270,8 +270,8 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
     m4gn::checkStatic(mesh_, dict);
 
     ownKeys_ = m4gnHybridRun::keys();
-    ownKeys_.append(
-        wordList({"phi", "state", "executeOthers", "othersInterval", "writeToFile", "useUserTime"}));
+    ownKeys_.append(wordList(
+        {"phi", "state", "executeOthers", "othersInterval", "writeJumps", "writeToFile", "useUserTime"}));
     ownKeys_.append(m4gnCompletion::keys(dict));
     m4gn::checkDictionaries(dict, {"nodeTypes", "segments", "projection", "control", "dmd"});
     m4gnFunctionObjects::checkDictionary(dict);

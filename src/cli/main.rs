@@ -23,6 +23,7 @@ pub mod study;
 pub mod train;
 pub mod tutorial;
 pub mod validate;
+pub mod verify;
 
 pub use output::{claim_outputs, progress_bar, write_json};
 pub use stop::stop_flag;
@@ -54,6 +55,7 @@ enum Command {
     Calibrate(calibrate::Args),
     Convert(convert::Args),
     Compare(compare::Args),
+    Verify(verify::Args),
     Hybrid(hybrid::Args),
     Campaign(campaign::Args),
     Study(study::Args),
@@ -80,6 +82,7 @@ fn main() -> ExitCode {
         Command::Calibrate(args) => calibrate::run(args),
         Command::Convert(args) => convert::run(args),
         Command::Compare(args) => compare::run(args),
+        Command::Verify(args) => verify::run(args),
         Command::Hybrid(args) => hybrid::run(args),
         Command::Campaign(args) => campaign::run(args),
         Command::Study(args) => study::run(args),

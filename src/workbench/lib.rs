@@ -1,10 +1,11 @@
-//! What is done with models and trajectories outside of a solver: nine tools, a module each.
+//! What is done with models and trajectories outside of a solver: ten tools, a module each.
 //!
 //! | module | tool | its way in |
 //! | --- | --- | --- |
 //! | [`check`] | whether a case fits | [`check::run`] |
 //! | [`validate`], [`calibrate`] | a model on recorded trajectories, beside its baselines | [`validate::run`], [`calibrate::rollouts`] |
 //! | [`compare`] | two runs of a case: fields, forces, motion, times | [`compare::compare`] |
+//! | [`verify`] | the jumps of a run, recomputed by its solver | [`verify::run`] |
 //! | [`hybrid`] | many cases, each with and without surrogate | [`hybrid::run`] |
 //! | [`generate`] | training data | [`generate::queue::Queue::run`] |
 //! | [`campaign`] | runs of a case over its parameters | [`campaign::run`] |
@@ -30,3 +31,4 @@ pub mod signal;
 pub mod study;
 mod user_case;
 pub mod validate;
+pub mod verify;

@@ -147,7 +147,7 @@ pub fn run(plan: &Plan) -> Result<Checked> {
             (folder, family.recording.location.entry())
         }
     };
-    let copy = Copy::new(&plain_path(&case)?, &room.join("beside"), &tools)?;
+    let copy = Copy::new(&plain_path(&case)?, &room.join("beside"), None, &tools)?;
     let programs: Vec<&str> =
         copy.application.split('/').take(1).chain((copy.ranks > 0).then_some("mpirun")).collect();
     environment(&programs)?;

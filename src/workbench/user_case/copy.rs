@@ -25,12 +25,22 @@ pub struct Copy {
     own: Vec<String>,
 }
 
+/// Where a run of the copy starts.
+#[derive(Clone, Copy, Debug)]
+pub struct Start<'a> {
+    /// Name of its folder.
+    pub time: &'a str,
+    /// Ranks whose folders it is in; 0: it is the case's own.
+    pub ranks: usize,
+}
+
 impl Copy {
-    /// Copies a case into a folder that is not there yet, below `beside`.
+    /// Copies a case into a folder that is not there yet, below `beside`. `start`: the time that it has beside its first one; none: that which
+    /// the case's own run starts from, and the last one.
     ///
     /// # Errors
     /// [`Error::File`] and [`Error::Input`] that say what is missing in the case, or cannot be read.
-    pub fn new(case: &Path, beside: &Path, tools: &Surroundings) -> Result<Self> {
+    pub fn new(case: &Path, beside: &Path, start: Option<Start>, tools: &Surroundings) -> Result<Self> {
         let original = absolute(case)?;
         let real = original.canonicalize().unwrap_or_else(|_| original.clone());
         let name = real.file_name().unwrap_or("case".as_ref());
@@ -51,12 +61,18 @@ impl Copy {
             ));
         };
         copy.application = application;
-        let start = copy.entry("startTime", tools)?.and_then(|t| t.parse().ok()).unwrap_or(0.0);
-        let processors = (0..).take_while(|i| copy.original.join(format!("processor{i}")).is_dir()).count();
-        if processors > 0 && !has_mesh(&copy.original) {
-            copy.ranks = processors;
+        if let Some(Start { time, ranks }) = start {
+            copy.ranks = ranks;
+            copy.take(|name, t, [first, _]| name == time || t == first)?;
+        } else {
+            let start = copy.entry("startTime", tools)?.and_then(|t| t.parse().ok()).unwrap_or(0.0);
+            let processors =
+                (0..).take_while(|i| copy.original.join(format!("processor{i}")).is_dir()).count();
+            if processors > 0 && !has_mesh(&copy.original) {
+                copy.ranks = processors;
+            }
+            copy.take(starts_or_ends(start))?;
         }
-        copy.take(start)?;
         copy.take_named(&real, beside)?;
         copy.find_own(tools)?;
         copy.complete(tools)?;
@@ -67,22 +83,29 @@ impl Copy {
         self.original.join("system/controlDict")
     }
 
+    /// Folders of the case's, or of its ranks', times.
+    pub fn parts(&self) -> Vec<PathBuf> {
+        match self.ranks {
+            0 => vec![self.folder.clone()],
+            n => (0..n).map(|i| self.folder.join(format!("processor{i}"))).collect(),
+        }
+    }
+
     fn entry(&self, name: &str, tools: &Surroundings) -> Result<Option<String>> {
         entry(&self.folder, &self.control(), name, tools)
     }
 
-    /// What a run reads: its dictionaries, the first and the last time, and that which it starts from.
-    fn take(&self, start: f64) -> Result<()> {
+    /// What a run reads: its dictionaries, and those times, by name and the first and the last time, that it wants.
+    fn take(&self, wants: impl Fn(&str, f64, [f64; 2]) -> bool) -> Result<()> {
         let processors = (0..self.ranks).map(|i| format!("processor{i}"));
         for part in std::iter::once(String::new()).chain(processors) {
             let (from, to) = (self.original.join(&part), self.folder.join(&part));
             let names = names(&from)?;
             let times = || names.iter().filter_map(|n| time(n));
-            let (first, last) =
-                (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
+            let ends = [times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max)];
             for name in &names {
                 let wanted = match time(name) {
-                    Some(t) => t == first || t == last || (t - start).abs() <= 1e-9 * start.abs(),
+                    Some(t) => wants(name, t, ends),
                     None => name == "constant" || name.ends_with(".orig"),
                 };
                 if wanted {
@@ -186,6 +209,11 @@ impl Copy {
     }
 }
 
+/// The first and the last time, and one that a run starts from.
+fn starts_or_ends(start: f64) -> impl Fn(&str, f64, [f64; 2]) -> bool {
+    move |_, t, ends| ends.contains(&t) || (t - start).abs() <= 1e-9 * start.abs()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -239,7 +267,7 @@ mod tests {
         symlink("..", from.join("constant/round")).unwrap();
         symlink("nowhere", from.join("constant/dangling")).unwrap();
         copy_all(&from.join("system"), &copy.folder.join("system")).unwrap();
-        copy.take(0.0).unwrap();
+        copy.take(starts_or_ends(0.0)).unwrap();
         copy.take_named(from, &dir.path().join("beside")).unwrap();
         assert!(!leads_out(&copy.folder));
         let at = |name: &str| copy.folder.join(name);
@@ -270,7 +298,7 @@ mod tests {
         }
         let beside = dir.path().join("beside");
         copy_all(&copy.original.join("system"), &copy.folder.join("system")).unwrap();
-        copy.take(0.0).unwrap();
+        copy.take(starts_or_ends(0.0)).unwrap();
         copy.take_named(&copy.original, &beside).unwrap();
         let there = |name: &str| beside.join(name).exists();
         assert!(there("shared") && there("deeper") && !there("other"));

@@ -3,7 +3,7 @@
 mod copy;
 pub(crate) mod log;
 
-pub(crate) use copy::Copy;
+pub(crate) use copy::{Copy, Start};
 
 use crate::generate::process::{Surroundings, ends, excerpt};
 use m4gn_base::{Error, Result};
