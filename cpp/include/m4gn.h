@@ -506,6 +506,8 @@ typedef struct m4gn_host
  *                                  ten-thousandth of the most that a field has changed by since the first state
  *   cut_transient      false       Whether a start-up is cut short: a wave that grows or falls is brought to the size that it
  *                                  will have. What comes out is no copy of the plain run before it has settled
+ *   write_modes        0           Waves of the fit in use that are fields at times to write, the largest first, with what
+ *                                  does not oscillate
  *   initial_jump       10          Strides of the first jump of a fit
  *   jump_growth        1.5         How much longer the next jump may be
  *   max_jump           200         Strides of a jump at most, up to a million
@@ -587,6 +589,11 @@ enum
 
 /* Takes what there is to be said, "" if there is nothing. A table's first rows come with its head. Valid until the next call. */
 const char* m4gn_ride_text(m4gn_ride* ride, int32_t kind);
+
+/* Of the fit that a surrogate has in use, in an array that it advances, [components*n]: what does not oscillate now (part 0), what a wave, from 0,
+ * the largest first, adds (1), and a quarter of its period before (2). M4GN_ERROR_INPUT: there is no such wave. */
+int32_t m4gn_ride_wave(
+    const m4gn_ride* ride, int32_t surrogate, int32_t wave, int32_t part, int32_t array, double* values);
 
 /* Mode observe with write_errors: rollout of a surrogate minus solver of an array that it advances, [components*n], where they were
  * compared last. M4GN_ERROR_INPUT before. */

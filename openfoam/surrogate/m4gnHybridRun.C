@@ -177,7 +177,7 @@ m4gn_ride_answer Foam::m4gnHybridRun::solved()
     const std::vector<const double*> state(gather(wants));
     const m4gn_ride_answer answer =
         ask([&](m4gn_ride_answer* a) { return m4gn_ride_solved(ride_, &step, given(state), a); }, what);
-    writeErrors();
+    writeFields();
     return answer;
 }
 

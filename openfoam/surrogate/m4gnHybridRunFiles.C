@@ -155,42 +155,71 @@ void Foam::m4gnHybridRun::end()
     }
 }
 
-template <class Type> void Foam::m4gnHybridRun::writeError(const label surrogatei, const label arrayi) const
+template <class Type>
+void Foam::m4gnHybridRun::writeLike(
+    const word& like, const word& name, const std::string& note,
+    const std::function<int32_t(double*)>& values) const
 {
-    const word name(state_.arrays()[arrayi].name);
-    const word of(kinds_.size() > 1 ? word(kinds_[surrogatei] + ':' + name, false) : name);
     tmp<GeometricField<Type, fvPatchField, volMesh>> tfield(
-        m4gn::cellField<Type>(mesh_, "error(" + of + ')', mesh_.time().timeName()));
+        m4gn::cellField<Type>(mesh_, name, mesh_.time().timeName()));
     auto& field = tfield.ref();
 
-    auto* cells = reinterpret_cast<scalar*>(field.primitiveFieldRef().data());
-    if (m4gn_ride_difference(ride_, surrogatei, arrayi, cells) != M4GN_OK) {
-        // It does not advance it, or none has been compared yet
+    if (values(reinterpret_cast<scalar*>(field.primitiveFieldRef().data())) != M4GN_OK) {
         return;
     }
     field.correctBoundaryConditions();
     field.dimensions().reset(
-        mesh_.lookupObject<GeometricField<Type, fvPatchField, volMesh>>(name).dimensions());
-    field.note() = "m4gn: the surrogate's " + name + " at time "
-                   + std::string(m4gn_ride_text(ride_, M4GN_RIDE_DIFFERENCE_TIME)) + " minus the solver's";
+        mesh_.lookupObject<GeometricField<Type, fvPatchField, volMesh>>(like).dimensions());
+    field.note() = note;
     field.write();
 }
 
-void Foam::m4gnHybridRun::writeErrors() const
+void Foam::m4gnHybridRun::writeParts(const label surrogatei, const label nWaves) const
 {
-    if (!observes_ || !mesh_.time().writeTime() || !dict_.getOrDefault<bool>("writeErrors", false)) {
-        return;
-    }
+    for (size_t arrayi = 0; arrayi < state_.arrays().size(); ++arrayi) {
+        const m4gn_array& array = state_.arrays()[arrayi];
+        // Those of points are no fields of cells
+        const bool measured = array.role == M4GN_SOLVED || array.role == M4GN_FOLLOWS;
+        if (!measured || array.place != M4GN_CELLS) {
+            continue;
+        }
+        const word name(array.name);
+        const word of(kinds_.size() > 1 ? word(kinds_[surrogatei] + ':' + name, false) : name);
+        const auto write = [&](const word& what, const std::string& note,
+                               const std::function<int32_t(double*)>& values) {
+            const word field(what + '(' + of + ')', false);
+            array.components == 1 ? writeLike<scalar>(name, field, note, values)
+                                  : writeLike<vector>(name, field, note, values);
+        };
 
-    forAll(kinds_, surrogatei) {
-        for (size_t arrayi = 0; arrayi < state_.arrays().size(); ++arrayi) {
-            const m4gn_array& array = state_.arrays()[arrayi];
-            // Those of points are no fields of cells
-            const bool measured = array.role == M4GN_SOLVED || array.role == M4GN_FOLLOWS;
-            if (measured && array.place == M4GN_CELLS) {
-                array.components == 1 ? writeError<scalar>(surrogatei, arrayi)
-                                      : writeError<vector>(surrogatei, arrayi);
+        if (observes_) {
+            // What it does not advance, or has not been compared yet, is not written
+            write(
+                "error",
+                "m4gn: the surrogate's " + name + " at time "
+                    + std::string(m4gn_ride_text(ride_, M4GN_RIDE_DIFFERENCE_TIME)) + " minus the solver's",
+                [&](double* to) { return m4gn_ride_difference(ride_, surrogatei, arrayi, to); });
+        }
+        for (label wavei = 0; wavei < nWaves; ++wavei) {
+            const std::string wave("mode" + std::to_string(wavei + 1));
+            const word names[] = {"modeMean", wave + "Real", wave + "Imaginary"};
+            for (label part = wavei ? 1 : 0; part < 3; ++part) {
+                write(names[part], "m4gn: of the fit in use", [&](double* to) {
+                    return m4gn_ride_wave(ride_, surrogatei, wavei, part, arrayi, to);
+                });
             }
+        }
+    }
+}
+
+void Foam::m4gnHybridRun::writeFields() const
+{
+    const dictionary dmd(dict_.subOrEmptyDict("dmd"));
+    const label nWaves = observes_ ? 0 : dmd.getOrDefault<label>("writeModes", 0);
+
+    if (mesh_.time().writeTime() && (nWaves || dict_.getOrDefault<bool>("writeErrors", false))) {
+        forAll(kinds_, surrogatei) {
+            writeParts(surrogatei, nWaves);
         }
     }
 }

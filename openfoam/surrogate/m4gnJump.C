@@ -171,6 +171,7 @@ void Foam::m4gnJump::writeState()
 void Foam::m4gnJump::write(const word& since)
 {
     stale_.write(advanced(), since, [&] { completion_ ? completion_->write() : writeState(); });
+    run_.writeFields();
 }
 
 void Foam::m4gnJump::keep()

@@ -19,6 +19,7 @@ mod session;
 mod solids;
 mod state;
 mod user_surrogate;
+mod waves;
 
 pub use fit::*;
 pub use model::*;
@@ -32,6 +33,7 @@ pub use session::*;
 pub use solids::*;
 pub use state::{AheadFunction, ArrayData};
 pub use user_surrogate::SurrogateData;
+pub use waves::*;
 
 use std::ffi::c_char;
 

@@ -82,7 +82,7 @@ impl DerefMut for Borrowed {
 
 /// `m4gn_ride`
 pub struct RideHandle {
-    ride: Ride<'static>,
+    pub(super) ride: Ride<'static>,
     comm: Comm,
     /// What was taken last.
     text: CString,

@@ -238,16 +238,7 @@ impl Dmd {
     /// The state `strides` after the present, as weights of the window's snapshots, whose sum is 1.
     pub fn weights(&self, amplitudes: &[[f64; 2]], strides: f64) -> Vec<f64> {
         let r = self.eigenvalues.len();
-        let now: Vec<[f64; 2]> = self
-            .eigenvalues
-            .iter()
-            .zip(amplitudes)
-            .map(|(&[re, im], &[x, y])| {
-                let (size, angle) = (re.hypot(im).powf(strides), im.atan2(re) * strides);
-                let (c, s) = (size * angle.cos(), size * angle.sin());
-                [c * x - s * y, c * y + s * x]
-            })
-            .collect();
+        let now: Vec<[f64; 2]> = (0..r).map(|k| self.later(k, amplitudes[k], strides)).collect();
         let mut weights = vec![0.0; self.m];
         let mut sum = 0.0;
         for (a, &start) in self.starts.iter().enumerate() {
@@ -259,5 +250,32 @@ impl Dmd {
         let rest = (1.0 - sum) / self.m as f64;
         weights.iter_mut().for_each(|w| *w += rest);
         weights
+    }
+
+    /// The amplitude of mode `k` so many strides later.
+    fn later(&self, k: usize, [x, y]: [f64; 2], strides: f64) -> [f64; 2] {
+        let [re, im] = self.eigenvalues[k];
+        let (size, angle) = (re.hypot(im).powf(strides), im.atan2(re) * strides);
+        let (c, s) = (size * angle.cos(), size * angle.sin());
+        [c * x - s * y, c * y + s * x]
+    }
+
+    /// What mode `k` and its conjugate add to the mean of the window `strides` after the present, and a quarter of their period before that (0 where
+    /// they do not oscillate), as weights of the window's snapshots, whose sum is 0.
+    pub fn shape_of(&self, amplitudes: &[[f64; 2]], k: usize, strides: f64) -> [Vec<f64>; 2] {
+        let (r, oscillates) = (self.eigenvalues.len(), self.oscillates(k));
+        let both = if oscillates { 2.0 } else { 1.0 };
+        let [x, y] = self.later(k, amplitudes[k], strides).map(|v| both * v);
+        let mut parts = [vec![0.0; self.m], vec![0.0; self.m]];
+        for (a, &start) in self.starts.iter().enumerate() {
+            let ([p, q], last) = (self.raise[a * r + k], start + self.shape.delays - 1);
+            parts[0][last] += p * x - q * y;
+            parts[1][last] += if oscillates { p * y + q * x } else { 0.0 };
+        }
+        for part in &mut parts {
+            let mean = part.iter().sum::<f64>() / self.m as f64;
+            part.iter_mut().for_each(|w| *w -= mean);
+        }
+        parts
     }
 }

@@ -42,10 +42,10 @@ pub struct Settings {
 /// What a fit says of the times after a sample, whatever comes after it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outlook {
-    dmd: Dmd,
-    amplitudes: Vec<[f64; 2]>,
+    pub(crate) dmd: Dmd,
+    pub(crate) amplitudes: Vec<[f64; 2]>,
     /// Of the window's snapshots.
-    slots: Vec<usize>,
+    pub(crate) slots: Vec<usize>,
 }
 
 /// A state that was predicted, where the solver has none.

@@ -1,6 +1,9 @@
 //! The modes of a fit as an engineer reads them: frequency, growth rate, amplitude, share of the energy.
 
+use crate::choose::spread;
 use crate::dmd::Dmd;
+use crate::online::OnlineDmd;
+use crate::snapshots::Combination;
 use std::f64::consts::TAU;
 
 /// Angle of a stride below which a mode does not oscillate: rounding.
@@ -17,21 +20,29 @@ pub struct Mode {
     pub amplitude: f64,
     /// Of the sum of squared amplitudes of all modes, at present.
     pub energy: f64,
+    /// Its number among the eigenvalues; of a pair, that of the first.
+    pub number: usize,
 }
 
 impl Dmd {
+    /// Whether mode `k` is one of a pair that oscillates.
+    pub(crate) fn oscillates(&self, k: usize) -> bool {
+        let [re, im] = self.eigenvalues()[k];
+        im != 0.0 && im.atan2(re).abs() > STILL
+    }
+
     /// The modes at present, largest share of the energy first. `interval`: time between snapshots, s. Modes are not orthogonal, so that shares
     /// tell the large from the small and no more.
     pub fn spectrum(&self, amplitudes: &[[f64; 2]], interval: f64) -> Vec<Mode> {
         let squares: Vec<f64> = amplitudes.iter().map(|a| a[0] * a[0] + a[1] * a[1]).collect();
         let whole: f64 = squares.iter().sum();
-        let pairs = self.eigenvalues().iter().zip(&squares);
+        let pairs = self.eigenvalues().iter().zip(&squares).enumerate();
         let mut modes: Vec<Mode> = pairs
             // Of a pair the one above the real axis stands for both.
-            .filter(|([re, im], _)| im.atan2(*re) >= -STILL)
-            .map(|([re, im], square)| {
+            .filter(|(_, ([re, im], _))| im.atan2(*re) >= -STILL)
+            .map(|(number, ([re, im], square))| {
                 let angle = im.atan2(*re);
-                let oscillates = angle > STILL && *im != 0.0;
+                let oscillates = self.oscillates(number);
                 let both = if oscillates { 2.0 * square } else { *square };
                 // A delayed state has `delays` states; a wave of amplitude 1 has a mean square of 1/2.
                 let mean_square = both / self.shape.delays as f64;
@@ -40,10 +51,28 @@ impl Dmd {
                     growth_rate: re.hypot(*im).ln() / interval,
                     amplitude: (if oscillates { 2.0 } else { 1.0 } * mean_square).sqrt(),
                     energy: if whole > 0.0 { both / whole } else { 0.0 },
+                    number,
                 }
             })
             .collect();
         modes.sort_by(|a, b| b.energy.total_cmp(&a.energy));
         modes
+    }
+}
+
+impl OnlineDmd {
+    /// What of the state `strides` after the present sample does not oscillate, and the same with what a mode that does ([`Mode::number`]) adds to it
+    /// then, and a quarter of its period before that. None: there is no such mode now.
+    pub fn mode(&self, number: usize, strides: f64) -> Option<[Combination; 3]> {
+        let outlook = self.outlook()?;
+        let (dmd, snapshots) = (&outlook.dmd, self.snapshots());
+        let modes = dmd.eigenvalues().len();
+        let shape = |k: usize| dmd.shape_of(&outlook.amplitudes, k, strides);
+        let sum = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x + y).collect::<Vec<f64>>();
+        let mean = vec![1.0 / dmd.snapshots() as f64; dmd.snapshots()];
+        let still = (0..modes).filter(|k| !dmd.oscillates(*k)).fold(mean, |all, k| sum(&all, &shape(k)[0]));
+        let [real, imaginary] = (number < modes && dmd.oscillates(number)).then(|| shape(number))?;
+        let (real, imaginary) = (sum(&still, &real), sum(&still, &imaginary));
+        Some([still, real, imaginary].map(|weights| spread(snapshots, &outlook.slots, &weights)))
     }
 }

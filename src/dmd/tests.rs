@@ -115,6 +115,38 @@ fn eigenvalues_of_damped_waves_are_known() {
 }
 
 #[test]
+fn what_does_not_oscillate_and_all_waves_are_the_state() {
+    let waves = Waves::new(&[(0.98, 0.5), (1.0, 1.3), (0.9, 0.0)]);
+    let mut linear = two(Storage::Double);
+    feed(&mut linear, 0..40, |k| waves.at(k));
+    linear.fit().unwrap();
+    let field = |of: &crate::Combination| {
+        let mut values = vec![0.0; linear.snapshots().fields()[0].numbers()];
+        linear.field(0, of, &mut values);
+        values
+    };
+    for strides in [0.0, 7.5] {
+        let waves: Vec<Mode> = linear.modes().into_iter().filter(|m| m.frequency > 0.0).collect();
+        let mut state = field(&linear.mode(waves[0].number, strides).unwrap()[0]);
+        for wave in &waves {
+            let [still, real, _] = linear.mode(wave.number, strides).unwrap().map(|c| field(&c));
+            // A quarter of a period later, but for its growth, the part that was imaginary has gone to the other side
+            let quarter = 0.25 / wave.frequency / 0.5;
+            let size = (wave.growth_rate * 0.5 * quarter).exp();
+            let [was, _, imaginary] = linear.mode(wave.number, strides).unwrap().map(|c| field(&c));
+            let [then, turned, _] = linear.mode(wave.number, strides + quarter).unwrap().map(|c| field(&c));
+            let off = |i: usize| (turned[i] - then[i]) / size + (imaginary[i] - was[i]);
+            assert!((0..turned.len()).all(|i| off(i).abs() < 1e-9), "{wave:?}");
+            state.iter_mut().zip(real.iter().zip(&still)).for_each(|(s, (r, m))| *s += r - m);
+        }
+        let known = field(&linear.predict(strides).unwrap());
+        let off = state.iter().zip(&known).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-10, "{off:e}");
+    }
+    assert!(linear.mode(99, 0.0).is_none());
+}
+
+#[test]
 fn modes_have_the_frequency_the_growth_rate_and_the_share_of_their_waves() {
     // 0.5 s a snapshot: a wave that decays, one of a third of its size that stays, and a trend that decays without a wave.
     let waves = Waves::new(&[(0.98, 0.5), (1.0, 1.3), (0.9, 0.0)]);

@@ -14,6 +14,9 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
 
+#[path = "dmd_fields.rs"]
+mod fields;
+
 /// What rounding makes of a number of strides, s/s.
 pub(crate) fn rounded(strides: f64) -> f64 {
     // The times of a run that is carried on have other last bits, and what is predicted has not.
@@ -92,7 +95,7 @@ impl DmdSurrogate {
             settings.window,
             bytes[0] / f64::from(1 << 20)
         );
-        let identity = DmdSettings { file: None, keep: true, ..settings.clone() };
+        let identity = DmdSettings { file: None, keep: true, write_modes: 0, ..settings.clone() };
         let description = Description {
             name: "dmd".into(),
             source: "dmd, fitted to the run's own states".into(),
@@ -155,47 +158,6 @@ impl DmdSurrogate {
         comm.agree(finite)?;
         self.check_floors(&mut raised)?;
         *next = values;
-        Ok(())
-    }
-
-    /// [`Error::Numerical`] where values had to be raised to what is physical by more than the jump tolerance of what the array varies by.
-    fn check_floors(&self, raised: &mut [f64]) -> Result<()> {
-        if self.layout.pick(&self.description.advances).iter().all(|a| a.floor.is_none()) {
-            return Ok(());
-        }
-        self.online.snapshots().comm().sum_f64(raised);
-        let Some(fit) = self.online.fitted() else { return Ok(()) };
-        for (&array, &square) in self.description.advances.iter().zip(raised.iter()) {
-            let variation = fit.variation(self.own(array));
-            if variation > 0.0 && square > self.rules.jump_tolerance.powi(2) * variation {
-                return Err(Error::Numerical(format!(
-                    "the fit lets {} fall below what is physical: the stride is not taken",
-                    self.layout.arrays()[array].name
-                )));
-            }
-        }
-        Ok(())
-    }
-
-    /// [`Error::Numerical`] where a prediction differs from what is prescribed by more than the jump tolerance of its variation. Collective.
-    fn check_prescribed(&self, prediction: &Combination, ahead: &Values) -> Result<()> {
-        let snapshots = self.online.snapshots();
-        for (f, field) in snapshots.fields().iter().enumerate().filter(|(_, f)| f.role == Role::Prescribed) {
-            let values = &ahead[self.places[f]];
-            let mut predicted = vec![0.0; field.numbers()];
-            self.online.field(f, prediction, &mut predicted);
-            let off = predicted.iter().zip(values).map(|(a, b)| (a - b).powi(2));
-            let mut sums = [off.sum(), values.iter().map(|v| v * v).sum::<f64>()];
-            snapshots.comm().sum_f64(&mut sums);
-            let variation = self.online.fitted().map_or(0.0, |fit| fit.variation(f));
-            let share = (sums[0] / variation.max(1e-12 * sums[1])).sqrt();
-            if sums[0] > 0.0 && share > self.rules.jump_tolerance {
-                return Err(Error::Numerical(format!(
-                    "the input {} will be other than the fit says of it: the solver goes on",
-                    field.name
-                )));
-            }
-        }
         Ok(())
     }
 }
@@ -415,6 +377,10 @@ impl Fits for DmdSurrogate {
         };
         let prediction = self.online.later(outlook, offset + stride as f64);
         self.put(&prediction, next)
+    }
+
+    fn wave(&self, wave: usize, part: usize, array: usize) -> Option<Vec<f64>> {
+        self.part_of_wave(wave, part, array)
     }
 
     fn earlier(&self, before: f64, out: &mut [&mut [f64]]) -> Result<()> {

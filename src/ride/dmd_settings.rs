@@ -44,6 +44,8 @@ settings! {
         /// Whether a start-up is cut short: a wave that grows or falls is brought to the size that it will have. What comes out is no copy of
         /// the plain run before it has settled.
         pub cut_transient: bool = false;
+        /// Waves of the fit in use that are fields at times to write, the largest first, with what does not oscillate.
+        pub write_modes: usize = 0;
         /// Strides of the first jump of a fit.
         pub initial_jump: usize = 10;
         /// How much longer the next jump may be.

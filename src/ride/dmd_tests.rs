@@ -373,6 +373,19 @@ fn what_is_handed_out_is_one_combination_for_all_arrays() {
 }
 
 #[test]
+fn the_largest_wave_of_a_fit_is_most_of_the_state() {
+    let mut host = Host::new(SETTINGS, 0.0, 0, 20.0, solver(0.0, 1e9));
+    assert!(host.ride.wave(0, 0, 1, 0).is_none(), "there is no fit");
+    // Within the first jump
+    host.run(1e9, |h| h.time > 5.55);
+    let [mean, wave] = [0, 1].map(|part| host.ride.wave(0, 0, part, 0).unwrap());
+    let now = solver(host.time, 1e9);
+    let with: Vec<f64> = mean.iter().zip(&wave).map(|(m, w)| m + w).collect();
+    assert!(largest(&with, &now) < 0.6 * largest(&mean, &now), "{with:?} {mean:?} {now:?}");
+    assert!(host.ride.wave(0, 99, 1, 0).is_none() && host.ride.wave(0, 0, 3, 0).is_none());
+}
+
+#[test]
 fn an_old_level_is_a_state_on_the_way() {
     let mut host = Host::new(SETTINGS, 0.0, 0, 20.0, solver(0.0, 1e9));
     // Behind the third stride of the first jump.

@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     fn wave(period: f64) -> Mode {
-        Mode { frequency: 1.0 / period, growth_rate: 0.0, amplitude: 1.0, energy: 0.5 }
+        Mode { frequency: 1.0 / period, growth_rate: 0.0, amplitude: 1.0, energy: 0.5, number: 0 }
     }
 
     #[test]

@@ -240,6 +240,13 @@ pub trait Fits {
     /// [`Error::Numerical`](m4gn_base::Error::Numerical) for a result that must not be used.
     fn follow(&mut self, stride: usize, next: &mut Values) -> Result<()>;
 
+    /// Of the fit in use, in an array of the state: what does not oscillate now (`part` 0), what a wave, from 0, the largest first, adds (1), and a quarter
+    /// of its period before (2). None: there is no such wave.
+    fn wave(&self, wave: usize, part: usize, array: usize) -> Option<Vec<f64>> {
+        let _ = (wave, part, array);
+        None
+    }
+
     /// All arrays of the state so many seconds before the present one of a jump.
     ///
     /// # Errors

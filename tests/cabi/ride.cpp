@@ -97,6 +97,8 @@ void observes()
     Host host(R"({"mode": "observe", "rollout_steps": 2, "write_errors": true})");
     std::vector<double> off(host.fields.U.size());
     REQUIRE(m4gn_ride_difference(host.ride.get(), 0, 0, off.data()) == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_ride_wave(host.ride.get(), 0, 0, 1, 0, off.data()) == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_ride_wave(host.ride.get(), -1, 0, 1, 0, off.data()) == M4GN_ERROR_INPUT);
     host.run(11);
     std::istringstream rows(host.ride.text(M4GN_RIDE_ERRORS));
     std::string line;

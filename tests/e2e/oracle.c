@@ -445,6 +445,8 @@ FORWARD(m4gn_ride_load,
     (m4gn_ride * ride, const char* path, const m4gn_ride_step* now, const double* const* state, m4gn_ride_answer* answer),
     (ride, path, now, state, answer))
 FORWARD(m4gn_ride_host, (const char* path, char* text, int32_t size), (path, text, size))
+FORWARD(m4gn_ride_wave, (const m4gn_ride* ride, int32_t surrogate, int32_t wave, int32_t part, int32_t array, double* values),
+    (ride, surrogate, wave, part, array, values))
 FORWARD(m4gn_ride_difference, (const m4gn_ride* ride, int32_t surrogate, int32_t array, double* values),
     (ride, surrogate, array, values))
 

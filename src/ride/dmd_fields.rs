@@ -1,0 +1,65 @@
+//! Fields of the dmd surrogate: whether a prediction of them may be used, and what the waves of its fit look like.
+
+use super::DmdSurrogate;
+use m4gn_base::{Error, Result};
+use m4gn_dmd::Combination;
+use m4gn_state::{Role, Values};
+
+impl DmdSurrogate {
+    /// [`Error::Numerical`] where values had to be raised to what is physical by more than the jump tolerance of what the array varies by.
+    pub(super) fn check_floors(&self, raised: &mut [f64]) -> Result<()> {
+        if self.layout.pick(&self.description.advances).iter().all(|a| a.floor.is_none()) {
+            return Ok(());
+        }
+        self.online.snapshots().comm().sum_f64(raised);
+        let Some(fit) = self.online.fitted() else { return Ok(()) };
+        for (&array, &square) in self.description.advances.iter().zip(raised.iter()) {
+            let variation = fit.variation(self.own(array));
+            if variation > 0.0 && square > self.rules.jump_tolerance.powi(2) * variation {
+                return Err(Error::Numerical(format!(
+                    "the fit lets {} fall below what is physical: the stride is not taken",
+                    self.layout.arrays()[array].name
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// [`Error::Numerical`] where a prediction differs from what is prescribed by more than the jump tolerance of its variation. Collective.
+    pub(super) fn check_prescribed(&self, prediction: &Combination, ahead: &Values) -> Result<()> {
+        let snapshots = self.online.snapshots();
+        for (f, field) in snapshots.fields().iter().enumerate().filter(|(_, f)| f.role == Role::Prescribed) {
+            let values = &ahead[self.places[f]];
+            let mut predicted = vec![0.0; field.numbers()];
+            self.online.field(f, prediction, &mut predicted);
+            let off = predicted.iter().zip(values).map(|(a, b)| (a - b).powi(2));
+            let mut sums = [off.sum(), values.iter().map(|v| v * v).sum::<f64>()];
+            snapshots.comm().sum_f64(&mut sums);
+            let variation = self.online.fitted().map_or(0.0, |fit| fit.variation(f));
+            let share = (sums[0] / variation.max(1e-12 * sums[1])).sqrt();
+            if sums[0] > 0.0 && share > self.rules.jump_tolerance {
+                return Err(Error::Numerical(format!(
+                    "the input {} will be other than the fit says of it: the solver goes on",
+                    field.name
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// As [`Fits::wave`](crate::surrogate::Fits::wave). Of an array that stays above a floor the sum of both does.
+    pub(super) fn part_of_wave(&self, wave: usize, part: usize, array: usize) -> Option<Vec<f64>> {
+        let mode = self.online.modes().into_iter().filter(|m| m.frequency > 0.0).nth(wave)?;
+        let states = self.online.mode(mode.number, self.now.offset + self.now.ahead)?;
+        let values = |state: &Combination| {
+            let mut values = vec![0.0; self.layout.arrays()[array].numbers()];
+            self.online.field(self.own(array), state, &mut values);
+            values
+        };
+        let (mut found, still) = (values(states.get(part)?), values(&states[0]));
+        if part > 0 {
+            found.iter_mut().zip(&still).for_each(|(v, s)| *v -= s);
+        }
+        Some(found)
+    }
+}
