@@ -506,8 +506,8 @@ typedef struct m4gn_host
  *                                  ten-thousandth of the most that a field has changed by since the first state
  *   cut_transient      false       Whether a start-up is cut short: a wave that grows or falls is brought to the size that it
  *                                  will have. What comes out is no copy of the plain run before it has settled
- *   write_modes        0           Waves of the fit in use that are fields at times to write, the largest first, with what
- *                                  does not oscillate
+ *   write_modes        0           Waves of the fit in use that are fields at times to write, the largest first, with what does
+ *                                  not oscillate
  *   initial_jump       10          Strides of the first jump of a fit
  *   jump_growth        1.5         How much longer the next jump may be
  *   max_jump           200         Strides of a jump at most, up to a million
