@@ -49,7 +49,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let small = begun.elapsed().as_secs_f64();
     let products = both - small;
     let eigenvalues: Vec<String> =
-        fit.dmd.eigenvalues().iter().map(|e| format!("[{:?}, {:?}]", e[0], e[1])).collect();
+        fit.model.eigenvalues().iter().map(|e| format!("[{:?}, {:?}]", e[0], e[1])).collect();
     let prediction = linear.predict(100.0).ok_or("no prediction")?;
     let mut out = vec![0.0; n];
     let begun = Instant::now();

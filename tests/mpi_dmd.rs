@@ -71,7 +71,9 @@ fn compare(comm: &Comm, mine: &[usize], all: &[usize], storage: Storage) -> m4gn
             alone.offer(k as f64 * 0.1, 0.1, &[&whole, &whole])?;
         }
         if from == 0 {
-            let tail = |l: &mut OnlineDmd| l.fit().map(|f| (f.dmd.shape, f.tail_error()));
+            let tail = |l: &mut OnlineDmd| {
+                l.fit().map(|f| ((f.model.delays(), f.model.rank(), f.model.inputs()), f.tail_error()))
+            };
             let (a, b) = (tail(&mut here), tail(&mut alone));
             let same = a.zip(b).is_some_and(|(a, b)| a.0 == b.0 && (a.1 - b.1).abs() < TOLERANCE);
             if !same {

@@ -1,9 +1,10 @@
 //! The choice of a fit: among a few shapes, the one that best predicts the last snapshots of the window from those before.
 
 use crate::dmd::{Delayed, Dmd, Shape, Window};
+use crate::driven::{Driven, DrivenShape, Split};
+use crate::fit::{FieldError, Fit, FitSettings, Model};
 use crate::snapshots::{Combination, Snapshots};
-use m4gn_base::{Error, Result};
-use serde::{Deserialize, Serialize};
+use m4gn_state::Role;
 
 /// Errors of the tail below this are rounding.
 const SAME: f64 = 1e-6;
@@ -11,117 +12,9 @@ const SAME: f64 = 1e-6;
 /// A candidate is better than one before it if its error is below this times the other's.
 const BETTER: f64 = 0.95;
 
-/// What fits are made of.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FitSettings {
-    /// Snapshots in a fit at most.
-    pub window: usize,
-    /// Snapshots without a gap, the last one included, that a fit needs at least.
-    pub min_snapshots: usize,
-    /// Snapshots at the end of the window that the choice is made by.
-    pub hold_out: usize,
-    /// Delays to choose from.
-    pub delays: Vec<usize>,
-    /// Ranks to choose from.
-    pub svd_rank: Vec<usize>,
-    /// Whether modes may grow; none: the tail says.
-    pub unstable_modes: Option<bool>,
-}
-
-impl Default for FitSettings {
-    fn default() -> Self {
-        FitSettings {
-            window: 40,
-            min_snapshots: 40,
-            hold_out: 5,
-            delays: vec![5, 8, 12],
-            svd_rank: vec![12, 30],
-            unstable_modes: None,
-        }
-    }
-}
-
-impl FitSettings {
-    /// Checks the numbers against each other.
-    ///
-    /// # Errors
-    /// [`Error::Input`] naming the entry, what was found and what is expected.
-    pub fn check(&self) -> Result<()> {
-        let bad = |text: String| Err(Error::Input(format!("dmd: {text}")));
-        if self.hold_out == 0 {
-            return bad("holdOut 0: expected at least 1 snapshot".into());
-        }
-        if self.delays.is_empty() || self.delays.contains(&0) {
-            return bad(format!("delays {:?}: expected numbers of states, at least 1", self.delays));
-        }
-        if self.svd_rank.is_empty() || self.svd_rank.contains(&0) {
-            return bad(format!("svdRank {:?}: expected numbers of directions, at least 1", self.svd_rank));
-        }
-        let fewest =
-            self.hold_out.saturating_add(2).saturating_add(self.delays.iter().min().copied().unwrap_or(1));
-        if self.min_snapshots < fewest {
-            return bad(format!(
-                "minSnapshots {}: expected at least {fewest}: holdOut, the fewest delays, and 2 states to learn from",
-                self.min_snapshots
-            ));
-        }
-        if self.window < self.min_snapshots || self.window > 1000 {
-            return bad(format!(
-                "window {}: expected minSnapshots ({}) to 1000 snapshots",
-                self.window, self.min_snapshots
-            ));
-        }
-        Ok(())
-    }
-}
-
-/// How far a prediction of a field is off.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FieldError {
-    /// The field.
-    pub name: String,
-    /// Root mean square of prediction minus solver, over the field's variation in the window.
-    pub error: f64,
-    /// The same of the state that the prediction began from: what holding it would be off by, at least the least change that errors are over.
-    pub hold: f64,
-}
-
-/// A decomposition of a window, and what it was chosen by.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Fit {
-    /// The decomposition of the whole window.
-    pub dmd: Dmd,
-    /// Sample numbers of the window.
-    pub numbers: Vec<i64>,
-    /// Their slots.
-    pub(crate) slots: Vec<usize>,
-    /// Mean square of what each field varies by, at least the least change that errors are over; 0 for those that do not or are not measured.
-    pub(crate) variation: Vec<f64>,
-    /// Of the held-back tail, over all its snapshots.
-    pub tail: Vec<FieldError>,
-}
-
-impl Fit {
-    /// Mean square of what a field varies by, at least the least change that errors are over; 0 for one that does not.
-    pub fn variation(&self, field: usize) -> f64 {
-        self.variation[field]
-    }
-
-    /// Error of the tail over that of holding, all fields that vary together.
-    pub fn tail_error(&self) -> f64 {
-        relative(&self.tail)
-    }
-}
-
-/// Errors over what holding would be off by, of all fields together; 0 where nothing changes.
-pub fn relative(errors: &[FieldError]) -> f64 {
-    let sum = |of: fn(&FieldError) -> f64| errors.iter().map(|e| of(e).powi(2)).sum::<f64>();
-    match (sum(|e| e.error), sum(|e| e.hold)) {
-        (e, h) if h > 0.0 => (e / h).sqrt(),
-        (0.0, _) => 0.0,
-        _ => f64::INFINITY,
-    }
-}
+/// States and directions to choose from with inputs: as few as there can be, since each product with an input is one more to learn.
+pub(crate) const DRIVEN_DELAYS: [usize; 2] = [2, 4];
+const DRIVEN_RANKS: [usize; 2] = [20, 50];
 
 /// Products of the states in these slots, each field over its variation.
 pub(crate) fn window(snapshots: &Snapshots, slots: &[usize], numbers: &[i64], variation: &[f64]) -> Window {
@@ -137,34 +30,59 @@ pub(crate) fn window(snapshots: &Snapshots, slots: &[usize], numbers: &[i64], va
     Window::new(numbers.to_vec(), products)
 }
 
-/// Squares of prediction minus state and of holding over the tail: the first `window.len() - tail` snapshots predict the others.
+/// Squares of prediction minus state over the tail, and the predictions: the first `window.len() - tail` snapshots predict the others.
 pub(crate) fn score(window: &Window, dmd: &Dmd, tail: usize) -> (f64, Vec<Vec<f64>>) {
     let first = window.len() - tail;
     let history: Vec<&[f64]> = (first - dmd.shape.delays..first).map(|i| &window.row(i)[..first]).collect();
     let amplitudes = dmd.amplitudes(&history);
-    let mut sum = 0.0;
-    let predictions = (0..tail).map(|s| {
-        let w = dmd.weights(&amplitudes, (s + 1) as f64);
+    let predictions: Vec<Vec<f64>> = (1..=tail).map(|s| dmd.weights(&amplitudes, s as f64)).collect();
+    (off(window, &predictions), predictions)
+}
+
+/// The same with inputs; none where the fit does not reach the end of the tail.
+fn driven_score(
+    window: &Window,
+    inputs: &Window,
+    driven: &Driven,
+    tail: usize,
+) -> Option<(f64, Vec<Vec<f64>>)> {
+    let first = window.len() - tail;
+    let from = first - driven.shape.delays;
+    let inputs: Vec<Vec<f64>> = (from..window.len()).map(|i| driven.input(&inputs.row(i)[..first])).collect();
+    let rests: Vec<Vec<f64>> =
+        (from..first).zip(&inputs).map(|(i, v)| driven.rest(&window.row(i)[..first], v)).collect();
+    let rests = driven.follow(&rests, &inputs).ok()?;
+    let pairs = rests.iter().zip(&inputs).skip(driven.shape.delays);
+    let predictions: Vec<Vec<f64>> = pairs.map(|(z, v)| driven.weights(z, v)).collect();
+    Some((off(window, &predictions), predictions))
+}
+
+/// Squares of predictions minus states over the tail.
+fn off(window: &Window, predictions: &[Vec<f64>]) -> f64 {
+    let first = window.len() - predictions.len();
+    let square = |(s, w): (usize, &Vec<f64>)| {
         let mut d = w.clone();
         d.resize(window.len(), 0.0);
         d[first + s] -= 1.0;
-        let square: f64 = d
-            .iter()
-            .enumerate()
-            .map(|(i, x)| x * window.row(i).iter().zip(&d).map(|(p, y)| p * y).sum::<f64>())
-            .sum();
-        sum += square.max(0.0);
-        w
-    });
-    let predictions = predictions.collect();
-    (if sum.is_finite() { sum } else { f64::INFINITY }, predictions)
+        let product = |i: usize| window.row(i).iter().zip(&d).map(|(p, y)| p * y).sum::<f64>();
+        d.iter().enumerate().map(|(i, x)| x * product(i)).sum::<f64>().max(0.0)
+    };
+    let sum: f64 = predictions.iter().enumerate().map(square).sum();
+    if sum.is_finite() { sum } else { f64::INFINITY }
+}
+
+/// What was tried.
+#[derive(Clone, Copy)]
+enum Tried {
+    Free(Shape),
+    Driven(DrivenShape),
 }
 
 /// A shape that was tried on the window without its tail.
 struct Candidate {
     /// Square of the tail's error over that of holding.
     score: f64,
-    shape: Shape,
+    shape: Tried,
     length: usize,
     /// Weights of the snapshots for each of the tail.
     predictions: Vec<Vec<f64>>,
@@ -174,34 +92,82 @@ impl Candidate {
     /// Of states that are all the same: the tail is the mean of those before.
     fn still(length: usize, tail: usize) -> Self {
         let first = length - tail;
-        let shape = Shape { delays: 1, rank: 0, growing: false };
+        let shape = Tried::Free(Shape { delays: 1, rank: 0, growing: false });
         Candidate { score: 0.0, shape, length, predictions: vec![vec![1.0 / first as f64; first]; tail] }
     }
+}
+
+/// The last snapshots, as many as a candidate has.
+struct Last {
+    numbers: Vec<i64>,
+    slots: Vec<usize>,
+    variation: Vec<f64>,
+    whole: Window,
+    /// Of what is prescribed alone; none where that does not vary.
+    inputs: Option<Window>,
+}
+
+impl Last {
+    fn new(snapshots: &Snapshots, length: usize, least: &[f64]) -> Self {
+        let entries = &snapshots.entries[snapshots.entries.len() - length..];
+        let (numbers, slots): (Vec<i64>, Vec<usize>) = entries.iter().map(|e| (e.number, e.slot)).unzip();
+        let variation = variations(snapshots, &slots, least);
+        let whole = window(snapshots, &slots, &numbers, &variation);
+        let given = prescribed(snapshots, &variation);
+        let varies = given.iter().any(|v| *v > 0.0);
+        let inputs = varies.then(|| window(snapshots, &slots, &numbers, &given));
+        Last { numbers, slots, variation, whole, inputs }
+    }
+
+    /// The decomposition of this shape.
+    fn model(&self, shape: Tried) -> Option<Model> {
+        match shape {
+            Tried::Free(shape) if shape.rank == 0 => Some(Model::Free(Dmd::still(self.whole.len()))),
+            Tried::Free(Shape { delays, rank, growing }) => {
+                Delayed::new(&self.whole, delays, rank)?.modes(rank, growing).map(Model::Free)
+            }
+            Tried::Driven(shape) => {
+                Split::new(&self.whole, self.inputs.as_ref()?, shape.rank)?.fit(shape).map(Model::Driven)
+            }
+        }
+    }
+}
+
+/// Of each field what it varies by where it is prescribed; 0 for the others.
+pub(crate) fn prescribed(snapshots: &Snapshots, variation: &[f64]) -> Vec<f64> {
+    let fields = snapshots.fields().iter().zip(variation);
+    fields.map(|(f, v)| if f.role == Role::Prescribed { *v } else { 0.0 }).collect()
 }
 
 /// The best fit of the last snapshots; a later candidate must be clearly better than the ones before, so that rounding chooses none; none where there are too few without a gap, or nothing has varied.
 /// `least`: of each field the square of the least change that errors are over.
 pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings, least: &[f64]) -> Option<Fit> {
-    let all: Vec<(i64, usize)> = snapshots.entries.iter().map(|e| (e.number, e.slot)).collect();
-    let gap = all.windows(2).rposition(|p| p[1].0 - p[0].0 != 1).map_or(0, |i| i + 1);
-    let stretch = all.len() - gap;
+    let numbers: Vec<i64> = snapshots.numbers().collect();
+    let gap = numbers.windows(2).rposition(|p| p[1] - p[0] != 1).map_or(0, |i| i + 1);
+    let stretch = numbers.len() - gap;
     if stretch < settings.min_snapshots {
         return None;
     }
     let mut best: Option<Candidate> = None;
     for length in lengths(stretch, settings) {
-        let (numbers, slots): (Vec<i64>, Vec<usize>) = all[all.len() - length..].iter().copied().unzip();
-        let variation = variations(snapshots, &slots, least);
-        let whole = window(snapshots, &slots, &numbers, &variation);
+        let last = Last::new(snapshots, length, least);
+        let (whole, variation) = (&last.whole, &last.variation);
         if whole.is_still() {
             let moved = variation.iter().any(|v| *v > 0.0);
             best = moved.then(|| Candidate::still(length, settings.hold_out));
             break;
         }
-        let part = whole.part(0..length - settings.hold_out);
+        let first = length - settings.hold_out;
+        let part = whole.part(0..first);
         let floor: f64 = variation.iter().zip(least).filter(|(v, _)| **v > 0.0).map(|(v, r)| r / v).sum();
         // Squares of windows of another length are over another variation.
-        let scale = 1.0 / hold(&whole, settings.hold_out).max(settings.hold_out as f64 * floor);
+        let scale = 1.0 / hold(whole, settings.hold_out).max(settings.hold_out as f64 * floor);
+        let mut took = |(sum, predictions): (f64, Vec<Vec<f64>>), shape: Tried| {
+            let score = (sum * scale).max(SAME * SAME);
+            if best.as_ref().is_none_or(|b| score < BETTER * BETTER * b.score) {
+                best = Some(Candidate { score, shape, length, predictions });
+            }
+        };
         let most = settings.svd_rank.iter().copied().max()?;
         for &delays in settings.delays.iter().filter(|q| *q + 2 + settings.hold_out <= length) {
             let Some(delayed) = Delayed::new(&part, delays, most) else {
@@ -217,29 +183,32 @@ pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings, least: &[f64
                         continue;
                     }
                     tried.push((rank, growing));
-                    let Some(dmd) = delayed.modes(rank, growing) else {
-                        continue;
-                    };
-                    let (sum, predictions) = score(&whole, &dmd, settings.hold_out);
-                    let score = (sum * scale).max(SAME * SAME);
-                    if best.as_ref().is_none_or(|b| score < BETTER * BETTER * b.score) {
-                        let shape = Shape { delays, rank, growing };
-                        best = Some(Candidate { score, shape, length, predictions });
+                    if let Some(dmd) = delayed.modes(rank, growing) {
+                        let shape = Tried::Free(Shape { delays, rank, growing });
+                        took(score(whole, &dmd, settings.hold_out), shape);
                     }
+                }
+            }
+        }
+        let Some(inputs) = &last.inputs else { continue };
+        let Some(split) = Split::new(&part, &inputs.part(0..first), DRIVEN_RANKS[1]) else { continue };
+        for products in [false, true] {
+            for delays in DRIVEN_DELAYS.into_iter().filter(|q| q + 2 <= first) {
+                for rank in DRIVEN_RANKS {
+                    let shape = DrivenShape { delays, rank, products };
+                    let fit = split.fit(shape);
+                    let scored = fit.and_then(|fit| driven_score(whole, inputs, &fit, settings.hold_out));
+                    scored.into_iter().for_each(|scored| took(scored, Tried::Driven(shape)));
                 }
             }
         }
     }
     let Candidate { shape, length, predictions, .. } = best?;
-    let (numbers, slots): (Vec<i64>, Vec<usize>) = all[all.len() - length..].iter().copied().unzip();
-    let variation = variations(snapshots, &slots, least);
-    let whole = window(snapshots, &slots, &numbers, &variation);
-    let dmd = match shape.rank {
-        0 => Dmd::still(length),
-        rank => Delayed::new(&whole, shape.delays, rank)?.modes(rank, shape.growing)?,
-    };
+    let last = Last::new(snapshots, length, least);
+    let model = last.model(shape)?;
+    let Last { numbers, slots, variation, .. } = last;
     let tail = tail_errors(snapshots, &slots, &variation, least, &predictions);
-    Some(Fit { dmd, numbers, slots, variation, tail })
+    Some(Fit { model, numbers, slots, variation, tail })
 }
 
 /// Windows to choose from.

@@ -3,20 +3,31 @@
 
 mod choose;
 mod dmd;
+mod driven;
+#[cfg(test)]
+mod driven_tests;
+mod fit;
 mod online;
+mod outlook;
+mod resume;
 mod sampling;
 mod settle;
 mod snapshots;
 mod spectrum;
 mod store;
+mod sums;
 #[cfg(test)]
 mod tests;
 mod wave;
 
-pub use choose::{FieldError, Fit, FitSettings, relative};
 pub use dmd::{Delayed, Dmd, Shape, Window};
-pub use online::{OnlineDmd, Outlook, Restored, Settings, State};
+pub use driven::Driven;
+pub use fit::{FieldError, Fit, FitSettings, Model, relative};
+pub use online::{OnlineDmd, Settings, State};
+pub use outlook::Outlook;
+pub use resume::Restored;
 pub use settle::{Look, Settle, Turn};
-pub use snapshots::{Combination, Snapshots, Storage};
+pub use snapshots::{Combination, Snapshots};
 pub use spectrum::Mode;
+pub use sums::Storage;
 pub use wave::Leading;

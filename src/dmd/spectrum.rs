@@ -65,14 +65,14 @@ impl OnlineDmd {
     /// then, and a quarter of its period before that. None: there is no such mode now.
     pub fn mode(&self, number: usize, strides: f64) -> Option<[Combination; 3]> {
         let outlook = self.outlook()?;
-        let (dmd, snapshots) = (&outlook.dmd, self.snapshots());
+        let (dmd, amplitudes) = outlook.waves()?;
         let modes = dmd.eigenvalues().len();
-        let shape = |k: usize| dmd.shape_of(&outlook.amplitudes, k, strides);
+        let shape = |k: usize| dmd.shape_of(amplitudes, k, strides);
         let sum = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x + y).collect::<Vec<f64>>();
         let mean = vec![1.0 / dmd.snapshots() as f64; dmd.snapshots()];
         let still = (0..modes).filter(|k| !dmd.oscillates(*k)).fold(mean, |all, k| sum(&all, &shape(k)[0]));
         let [real, imaginary] = (number < modes && dmd.oscillates(number)).then(|| shape(number))?;
         let (real, imaginary) = (sum(&still, &real), sum(&still, &imaginary));
-        Some([still, real, imaginary].map(|weights| spread(snapshots, &outlook.slots, &weights)))
+        Some([still, real, imaginary].map(|weights| spread(self.snapshots(), outlook.slots(), &weights)))
     }
 }

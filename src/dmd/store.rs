@@ -5,7 +5,8 @@
 //!
 //! A block is its length (8 bytes), its bytes, and their CRC-32 (4 bytes); all numbers are little endian.
 
-use crate::snapshots::{Entry, Snapshots, Storage, Values};
+use crate::snapshots::{Entry, Snapshots};
+use crate::sums::{Storage, Values};
 use m4gn_base::{Error, Result, files};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};

@@ -226,7 +226,7 @@ fn states_that_are_all_the_same_are_held_where_something_has_changed_before() {
     assert!(linear.fit().is_none(), "nothing has ever changed");
     feed(&mut linear, 24..90, |k| waves.at(k.min(30.0)));
     let fit = linear.fit().unwrap();
-    assert!(fit.dmd.shape.rank == 0 && fit.tail_error() < 1e-9, "{fit:?}");
+    assert!(fit.model.rank() == 0 && fit.tail_error() < 1e-9, "{fit:?}");
     assert!(linear.modes().is_empty());
     let [u, flux] = predicted(&linear, 300.0);
     let (own, own_flux) = (waves.at(30.0), phi(&waves.at(30.0)));
@@ -330,7 +330,7 @@ fn growth_is_kept_where_the_tail_says_so_and_clipped_where_it_is_told() {
         for k in 0..30 {
             linear.offer(k as f64 * 0.5, 0.5, &[&waves.at(k as f64)]).unwrap();
         }
-        let first = linear.fit().unwrap().dmd.eigenvalues()[0];
+        let first = linear.fit().unwrap().model.eigenvalues()[0];
         assert!((first[0].hypot(first[1]) - expected).abs() < 1e-7, "{growing:?}: {first:?}");
     }
 }
@@ -367,7 +367,7 @@ fn what_cannot_be_fitted_is_none() {
     // Of rank two only, with thirty asked for.
     feed(&mut linear, 23..40, |k| waves.at(k));
     let fit = linear.fit().unwrap();
-    assert!(fit.dmd.eigenvalues().len() <= 3, "{:?}", fit.dmd.eigenvalues());
+    assert!(fit.model.rank() <= 3, "{:?}", fit.model.eigenvalues());
     assert!(largest(&predicted(&linear, 100.0)[0], &waves.at(139.0)) < 1e-6);
 }
 

@@ -2,6 +2,7 @@
 
 use crate::dmd_settings::DmdSettings;
 use crate::fit_control::FitRules;
+use crate::inputs::prescribed_in_time;
 use crate::interval::Interval;
 use crate::registry::Making;
 use crate::schedule::Step;
@@ -29,10 +30,10 @@ pub(crate) fn rounded(strides: f64) -> f64 {
 pub(crate) struct RestartState {
     fit: State,
     /// Strides of the jump that is going on, whole or not.
-    ahead: f64,
+    pub ahead: f64,
     /// Time from which predictions begin, s, and how long after the present snapshot that is, in strides.
     begin: f64,
-    offset: f64,
+    pub offset: f64,
     /// Whether the next snapshot is the first one after a jump.
     jumped: bool,
     interval: Interval,
@@ -47,10 +48,10 @@ pub struct DmdSurrogate {
     pub(crate) description: Description,
     layout: Arc<Layout>,
     /// Of each array that a fit knows its place in the layout.
-    places: Vec<usize>,
+    pub(crate) places: Vec<usize>,
     pub(crate) online: OnlineDmd,
     settings: DmdSettings,
-    rules: FitRules,
+    pub(crate) rules: FitRules,
     pub(crate) now: RestartState,
     predicted: Option<Combination>,
     /// Strides that it is ahead of where it was predicted from.
@@ -74,13 +75,15 @@ pub(crate) fn make(of: &Making) -> Result<Box<dyn Surrogate>> {
 impl DmdSurrogate {
     fn new(of: &Making, settings: DmdSettings, observes: bool) -> Result<Self> {
         let (comm, layout) = (of.comm, of.layout);
+        let inputs = prescribed_in_time(layout);
+        let settings = settings.with_inputs(!inputs.is_empty());
         let places: Vec<usize> =
             (0..layout.arrays().len()).filter(|&i| layout.arrays()[i].role != Role::Held).collect();
         let advances = layout.measured();
         let interval = Interval::first(settings.snapshot_interval, of.start.delta_t);
         // A rollout beside the solver needs the snapshots of its start until its end.
         let held = match observes {
-            true => settings.window,
+            true => settings.window(),
             false if settings.cut_transient => Settle::STATES,
             false => 0,
         };
@@ -91,9 +94,13 @@ impl DmdSurrogate {
         let mut bytes = [online.snapshots().memory() as f64];
         comm.sum_f64(&mut bytes);
         let note = format!(
-            "m4gn: the dmd surrogate keeps up to {} states {interval} s apart: {:.1} MiB on all ranks\n\n",
-            settings.window,
-            bytes[0] / f64::from(1 << 20)
+            "m4gn: the dmd surrogate keeps up to {} states {interval} s apart: {:.1} MiB on all ranks{}\n\n",
+            settings.window(),
+            bytes[0] / f64::from(1 << 20),
+            match inputs.is_empty() {
+                true => String::new(),
+                false => format!("; inputs that are known beforehand: {}", inputs.join(", ")),
+            }
         );
         let identity = DmdSettings { file: None, keep: true, write_modes: 0, ..settings.clone() };
         let description = Description {
@@ -169,9 +176,7 @@ impl Surrogate for DmdSurrogate {
 
     fn predict(&mut self, start: Start, next: &mut Values) -> Result<()> {
         let taken = start.duration / self.description.stride;
-        let prediction = self.later(self.now.offset + self.now.ahead + taken);
-        let prediction =
-            prediction.ok_or_else(|| Error::Numerical("dmd has no fit to predict with".into()))?;
+        let prediction = self.later(self.now.offset + self.now.ahead + taken)?;
         if let Some(ahead) = start.ahead {
             self.check_prescribed(&prediction, ahead)?;
         }
@@ -303,7 +308,8 @@ impl Fits for DmdSurrogate {
         let jumped = std::mem::take(&mut self.now.jumped);
         let error = outlook.map(|outlook| {
             let trial = self.online.later(&outlook, snapshots as f64);
-            (self.online.errors(&trial, snapshots).map_or(f64::INFINITY, |e| relative(&e)), jumped)
+            let errors = trial.ok().and_then(|trial| self.online.errors(&trial, snapshots));
+            (errors.map_or(f64::INFINITY, |e| relative(&e)), jumped)
         });
         let wave = if cuts && self.settings.cut_transient { self.look() } else { None };
         Ok(Seen { interval, period, snapshots, contiguous: self.online.stretch(), error, wave })
@@ -331,16 +337,24 @@ impl Fits for DmdSurrogate {
             let present = self.description.stride;
             self.now.interval.take(&modes, present, fit.numbers.len() as f64 * present);
         }
-        let shape = fit.dmd.shape;
         Some(FitReport {
             snapshots: fit.numbers.len(),
-            delays: shape.delays,
-            rank: shape.rank,
-            unstable: shape.growing,
+            delays: fit.model.delays(),
+            rank: fit.model.rank(),
+            inputs: fit.model.inputs(),
+            unstable: fit.model.growing(),
             error: fit.tail_error(),
             errors: fit.tail.iter().map(|e| (e.name.clone(), e.error)).collect(),
             modes,
         })
+    }
+
+    fn asks(&self, duration: f64) -> Vec<f64> {
+        self.asked(duration)
+    }
+
+    fn told(&mut self, later: f64, values: &Values) {
+        self.take_told(later, values);
     }
 
     fn drop_fit(&mut self) {
@@ -354,7 +368,7 @@ impl Fits for DmdSurrogate {
     /// At the step at which a snapshot came, or that a jump ended with: predictions begin from there.
     fn is_ready(&self, time: f64) -> bool {
         let here = (time - self.now.begin).abs() < 1e-6 * self.description.stride;
-        here && self.has_fit() && self.online.predict(1.0).is_some()
+        here && self.has_fit() && self.online.outlook().is_some()
     }
 
     fn least_changes(&self) -> Vec<f64> {
@@ -375,7 +389,7 @@ impl Fits for DmdSurrogate {
         let Some((outlook, offset)) = &self.rollout else {
             return Err(Error::Numerical("dmd has no rollout to go on with".into()));
         };
-        let prediction = self.online.later(outlook, offset + stride as f64);
+        let prediction = self.online.later(outlook, offset + stride as f64)?;
         self.put(&prediction, next)
     }
 
@@ -391,7 +405,7 @@ impl Fits for DmdSurrogate {
         }
         let present = self.now.offset + self.now.ahead;
         let state = self.later(present - before / self.description.stride);
-        let state = state.ok_or_else(|| Error::Input("dmd: nothing was predicted".into()))?;
+        let state = state.map_err(|e| Error::Input(format!("dmd: an old level: {e}")))?;
         for (f, &array) in self.places.iter().enumerate() {
             if self.layout.arrays()[array].role != Role::Prescribed {
                 self.online.field(f, &state, out[array]);

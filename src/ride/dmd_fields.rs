@@ -3,7 +3,6 @@
 use super::DmdSurrogate;
 use m4gn_base::{Error, Result};
 use m4gn_dmd::Combination;
-use m4gn_state::{Role, Values};
 
 impl DmdSurrogate {
     /// [`Error::Numerical`] where values had to be raised to what is physical by more than the jump tolerance of what the array varies by.
@@ -19,28 +18,6 @@ impl DmdSurrogate {
                 return Err(Error::Numerical(format!(
                     "the fit lets {} fall below what is physical: the stride is not taken",
                     self.layout.arrays()[array].name
-                )));
-            }
-        }
-        Ok(())
-    }
-
-    /// [`Error::Numerical`] where a prediction differs from what is prescribed by more than the jump tolerance of its variation. Collective.
-    pub(super) fn check_prescribed(&self, prediction: &Combination, ahead: &Values) -> Result<()> {
-        let snapshots = self.online.snapshots();
-        for (f, field) in snapshots.fields().iter().enumerate().filter(|(_, f)| f.role == Role::Prescribed) {
-            let values = &ahead[self.places[f]];
-            let mut predicted = vec![0.0; field.numbers()];
-            self.online.field(f, prediction, &mut predicted);
-            let off = predicted.iter().zip(values).map(|(a, b)| (a - b).powi(2));
-            let mut sums = [off.sum(), values.iter().map(|v| v * v).sum::<f64>()];
-            snapshots.comm().sum_f64(&mut sums);
-            let variation = self.online.fitted().map_or(0.0, |fit| fit.variation(f));
-            let share = (sums[0] / variation.max(1e-12 * sums[1])).sqrt();
-            if sums[0] > 0.0 && share > self.rules.jump_tolerance {
-                return Err(Error::Numerical(format!(
-                    "the input {} will be other than the fit says of it: the solver goes on",
-                    field.name
                 )));
             }
         }

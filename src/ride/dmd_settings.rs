@@ -11,16 +11,19 @@ use std::path::PathBuf;
 /// Most strides of a jump: more than any run has, and few enough for a number each.
 const LONGEST: usize = 1_000_000;
 
+/// States in a fit where inputs are known: what they do to a wave shows only as they differ.
+const DRIVEN_WINDOW: usize = 160;
+
 settings! {
     /// Settings of a dmd surrogate in a run.
     pub struct DmdSettings in "dmd" {
         /// Time between the states that are kept, the stride: a tenth to a twentieth of the period of what the flow does.
         pub snapshot_interval: Option<f64> [s] = None, "found in the run: 25 of the longest time steps of late, then a fourteenth of the period that two fits have shown";
         /// States in a fit at most, up to 1000.
-        pub window: usize = FitSettings::default().window;
+        pub window: Option<usize> = None, "40, and 160 where boundary values are prescribed in time";
         // The first states after a jump are not yet the solver's own.
         /// States without a gap that a fit needs.
-        pub min_snapshots: Option<usize> = None, "`window`";
+        pub min_snapshots: Option<usize> = None, "`window`, where it is given, else 40";
         /// States at the end of the window that are held back to choose by.
         pub hold_out: usize = FitSettings::default().hold_out;
         /// Numbers of states in a delayed state to choose from.
@@ -65,12 +68,23 @@ settings! {
 
 impl DmdSettings {
     pub(crate) fn min_snapshots(&self) -> usize {
-        self.min_snapshots.unwrap_or(self.window)
+        self.min_snapshots.or(self.window).unwrap_or(FitSettings::default().window)
+    }
+
+    pub(crate) fn window(&self) -> usize {
+        self.window.unwrap_or(FitSettings::default().window)
+    }
+
+    /// With the numbers that are left to us, in a case with inputs or without.
+    pub(crate) fn with_inputs(self, inputs: bool) -> Self {
+        let min_snapshots = self.min_snapshots();
+        let window = if inputs { DRIVEN_WINDOW.max(min_snapshots) } else { self.window() };
+        DmdSettings { min_snapshots: Some(min_snapshots), window: self.window.or(Some(window)), ..self }
     }
 
     pub(crate) fn fit(&self) -> FitSettings {
         FitSettings {
-            window: self.window,
+            window: self.window(),
             min_snapshots: self.min_snapshots(),
             hold_out: self.hold_out,
             delays: self.delays.clone(),
@@ -114,10 +128,10 @@ impl DmdSettings {
                 self.initial_jump, self.max_jump, self.refit_interval
             ));
         }
-        if self.cut_transient && self.window < Settle::STATES {
+        if self.cut_transient && self.window() < Settle::STATES {
             return bad(format!(
                 "window {}: expected at least {} states with cutTransient",
-                self.window,
+                self.window(),
                 Settle::STATES
             ));
         }
@@ -153,7 +167,7 @@ impl DmdSettings {
             max_jump: self.max_jump,
             refit_interval: self.refit_interval,
             min_snapshots: self.min_snapshots(),
-            window: self.window,
+            window: self.window(),
             hold_out: self.hold_out,
         }
     }

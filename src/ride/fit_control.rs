@@ -170,6 +170,7 @@ impl FitControl {
         self.jumped_by_others = if error < PROMISING { rules.window as f64 } else { 0.0 };
         self.length = rules.initial_jump as f64;
         let verdict = match trend {
+            _ if holds && report.inputs > 0 => "it is used, with what is prescribed from here on".into(),
             _ if holds => format!("it is used: {}", leading(&report.modes)),
             _ if error >= rules.jump_tolerance => {
                 format!("above jumpTolerance {}: the solver goes on", rules.jump_tolerance)
@@ -319,7 +320,7 @@ fn of_the_wave(wave: &Wave, step: &Step, decisions: &mut Decisions) -> String {
 fn as_data(report: &FitReport, rules: &FitRules) -> Value {
     let fields: Map<String, Value> = report.errors.iter().map(|(name, e)| (name.clone(), json!(e))).collect();
     json!({
-        "states": report.snapshots, "delays": report.delays, "rank": report.rank, "growth_kept": report.unstable,
+        "states": report.snapshots, "delays": report.delays, "rank": report.rank, "inputs": report.inputs, "growth_kept": report.unstable,
         "held_back": rules.hold_out, "error": report.error, "fit_tolerance": rules.fit_tolerance,
         "jump_tolerance": rules.jump_tolerance, "errors": fields,
     })
@@ -342,16 +343,16 @@ fn leading(modes: &[Mode]) -> String {
 }
 
 fn described(report: &FitReport, rules: &FitRules, step: &Step, verdict: &str) -> String {
-    let modes = if report.unstable { "kept" } else { "clipped" };
     let fields: Vec<String> =
         report.errors.iter().map(|(name, error)| format!("{name} {error:.2e}")).collect();
     format!(
-        "m4gn: time {}: fit of {} states, {} delays, rank {}, growth {modes}: its last {} states, held back, are off by {:.3} of what \
+        "m4gn: time {}: fit of {} states, {} delays, rank {}, {}: its last {} states, held back, are off by {:.3} of what \
          holding would be (of the variation: {}); {verdict}\n\n",
         step.name,
         report.snapshots,
         report.delays,
         report.rank,
+        report.kind(),
         rules.hold_out,
         report.error,
         fields.join(", ")

@@ -95,7 +95,7 @@ pub struct Ride<'a> {
     pub(crate) schedule: Schedule,
     pub(crate) layout: Arc<Layout>,
     pub(crate) candidates: Vec<Candidate<'a>>,
-    ahead: Option<Ahead<'a>>,
+    pub(crate) ahead: Option<Ahead<'a>>,
     /// The state as it was given last, of those arrays that surrogates read or are measured by.
     pub(crate) present: Values,
     kept: Vec<bool>,
@@ -337,22 +337,6 @@ impl<'a> Ride<'a> {
         for ((to, from), _) in self.present.iter_mut().zip(state).zip(&self.kept).filter(|(_, kept)| **kept) {
             to.copy_from_slice(from);
         }
-    }
-
-    /// What the prescribed arrays will be a time from now on, s, where this surrogate has to know: a fit in a jump, and any beside an
-    /// obstacle. Collective.
-    pub(crate) fn ahead(&mut self, candidate: usize, jumps: bool, later: f64) -> Result<Option<Values>> {
-        let fits = jumps && self.candidates[candidate].fit_control.is_some();
-        let wanted = self.layout.is_prescribed() && (fits || self.layout.obstacle().is_some());
-        let Some(ahead) = self.ahead.as_mut().filter(|_| wanted) else {
-            return Ok(None);
-        };
-        let arrays = self.layout.arrays().iter();
-        let lengths = arrays.map(|a| if a.role == Role::Prescribed { a.numbers() } else { 0 });
-        let mut values: Values = lengths.map(|n| vec![0.0; n]).collect();
-        let said = ahead(later, &mut values);
-        self.comm.agree(said)?;
-        Ok(Some(values))
     }
 
     /// An observer that does not see the solver's steps compares where no stride ends, and errors are then those of an interpolation.

@@ -2,6 +2,7 @@
 
 use crate::dmd::{DmdSurrogate, rounded};
 use crate::surrogate::{Cut, Wave};
+use m4gn_base::{Error, Result};
 use m4gn_dmd::{Combination, Turn};
 use std::f64::consts::TAU;
 
@@ -41,11 +42,16 @@ impl DmdSurrogate {
         }
     }
 
-    /// The state so many strides after the present snapshot, of the jump that is due; none: there is nothing to predict with.
-    pub(crate) fn later(&self, strides: f64) -> Option<Combination> {
-        match &self.now.cut {
-            Some(cut) => Some(self.online.later(cut, rounded(strides))),
-            None => self.online.predict(rounded(strides)),
-        }
+    /// The state so many strides after the present snapshot, of the jump that is due.
+    ///
+    /// # Errors
+    /// [`Error::Numerical`] where there is nothing to predict with, or it must not be used so far.
+    pub(crate) fn later(&self, strides: f64) -> Result<Combination> {
+        let none = || Error::Numerical("dmd has no fit to predict with".into());
+        let outlook = match &self.now.cut {
+            Some(cut) => cut.clone(),
+            None => self.online.outlook().ok_or_else(none)?,
+        };
+        self.online.later(&outlook, rounded(strides))
     }
 }

@@ -174,6 +174,8 @@ pub struct FitReport {
     pub delays: usize,
     /// Singular values that were kept.
     pub rank: usize,
+    /// What is prescribed that it is driven by, reduced to so many numbers.
+    pub inputs: usize,
     /// Whether modes that grow go on growing.
     pub unstable: bool,
     /// Error of the snapshots that were held back, over that of holding the one before them.
@@ -182,6 +184,18 @@ pub struct FitReport {
     pub errors: Vec<(String, f64)>,
     /// Its modes at present, largest share of the energy first.
     pub modes: Vec<Mode>,
+}
+
+impl FitReport {
+    /// What kind of fit it is, for people.
+    pub(crate) fn kind(&self) -> String {
+        match (self.inputs, self.unstable) {
+            (0, true) => "growth kept".into(),
+            (0, false) => "growth clipped".into(),
+            (1, _) => "1 input".into(),
+            (n, _) => format!("{n} inputs"),
+        }
+    }
 }
 
 /// A surrogate that is fitted to the run's own states. When it is fitted, used and dropped is decided elsewhere
@@ -215,6 +229,17 @@ pub trait Fits {
 
     /// Fits the last snapshots; none where there are too few without a gap, or nothing varies.
     fn fit(&mut self) -> Option<FitReport>;
+
+    /// The times from now on, s, at which it has to be [told](Self::told) what is prescribed before it predicts the state so much later.
+    fn asks(&self, duration: f64) -> Vec<f64> {
+        let _ = duration;
+        Vec::new()
+    }
+
+    /// The prescribed arrays a time from now on, s. Collective.
+    fn told(&mut self, later: f64, values: &Values) {
+        let _ = (later, values);
+    }
 
     /// Drops the fit.
     fn drop_fit(&mut self);
