@@ -16,6 +16,11 @@ const BETTER: f64 = 0.95;
 pub(crate) const DRIVEN_DELAYS: [usize; 2] = [2, 4];
 const DRIVEN_RANKS: [usize; 2] = [20, 50];
 
+/// States that a fit with inputs needs at least, and those that are held back from it at least: as many as a first jump has by default, since
+/// what a few states say of an input fails soon.
+const DRIVEN_LEAST: usize = 40;
+const DRIVEN_TAIL: usize = 10;
+
 /// Products of the states in these slots, each field over its variation.
 pub(crate) fn window(snapshots: &Snapshots, slots: &[usize], numbers: &[i64], variation: &[f64]) -> Window {
     let c = snapshots.capacity();
@@ -145,11 +150,8 @@ pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings, least: &[f64
     let numbers: Vec<i64> = snapshots.numbers().collect();
     let gap = numbers.windows(2).rposition(|p| p[1] - p[0] != 1).map_or(0, |i| i + 1);
     let stretch = numbers.len() - gap;
-    if stretch < settings.min_snapshots {
-        return None;
-    }
     let mut best: Option<Candidate> = None;
-    for length in lengths(stretch, settings) {
+    for length in lengths(stretch, settings).into_iter().filter(|_| stretch >= settings.min_snapshots) {
         let last = Last::new(snapshots, length, least);
         let (whole, variation) = (&last.whole, &last.variation);
         if whole.is_still() {
@@ -162,12 +164,6 @@ pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings, least: &[f64
         let floor: f64 = variation.iter().zip(least).filter(|(v, _)| **v > 0.0).map(|(v, r)| r / v).sum();
         // Squares of windows of another length are over another variation.
         let scale = 1.0 / hold(whole, settings.hold_out).max(settings.hold_out as f64 * floor);
-        let mut took = |(sum, predictions): (f64, Vec<Vec<f64>>), shape: Tried| {
-            let score = (sum * scale).max(SAME * SAME);
-            if best.as_ref().is_none_or(|b| score < BETTER * BETTER * b.score) {
-                best = Some(Candidate { score, shape, length, predictions });
-            }
-        };
         let most = settings.svd_rank.iter().copied().max()?;
         for &delays in settings.delays.iter().filter(|q| *q + 2 + settings.hold_out <= length) {
             let Some(delayed) = Delayed::new(&part, delays, most) else {
@@ -185,30 +181,90 @@ pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings, least: &[f64
                     tried.push((rank, growing));
                     if let Some(dmd) = delayed.modes(rank, growing) {
                         let shape = Tried::Free(Shape { delays, rank, growing });
-                        took(score(whole, &dmd, settings.hold_out), shape);
+                        let scored = score(whole, &dmd, settings.hold_out);
+                        better(&mut best, scored, scale, (shape, length));
                     }
                 }
             }
         }
-        let Some(inputs) = &last.inputs else { continue };
-        let Some(split) = Split::new(&part, &inputs.part(0..first), DRIVEN_RANKS[1]) else { continue };
-        for products in [false, true] {
-            for delays in DRIVEN_DELAYS.into_iter().filter(|q| q + 2 <= first) {
-                for rank in DRIVEN_RANKS {
-                    let shape = DrivenShape { delays, rank, products };
-                    let fit = split.fit(shape);
-                    let scored = fit.and_then(|fit| driven_score(whole, inputs, &fit, settings.hold_out));
-                    scored.into_iter().for_each(|scored| took(scored, Tried::Driven(shape)));
-                }
-            }
-        }
+    }
+    let length = numbers.len().min(settings.window);
+    if best.as_ref().is_none_or(|b| b.score > 0.0) && length >= settings.min_snapshots.max(DRIVEN_LEAST) {
+        let tail = settings.hold_out.max(DRIVEN_TAIL);
+        driven(&Last::new(snapshots, length, least), stretch.min(length), tail, &mut best);
     }
     let Candidate { shape, length, predictions, .. } = best?;
     let last = Last::new(snapshots, length, least);
     let model = last.model(shape)?;
     let Last { numbers, slots, variation, .. } = last;
-    let tail = tail_errors(snapshots, &slots, &variation, least, &predictions);
-    Some(Fit { model, numbers, slots, variation, tail })
+    let mut least = least.to_vec();
+    if let Model::Driven(_) = model {
+        // What an input does at a moment may be little.
+        let strides = predictions.len() as i64;
+        let of = |f: usize| {
+            (1..=strides).map(|s| typical(snapshots, (&numbers, &slots), f, s)).sum::<f64>() / strides as f64
+        };
+        let measured = variation.iter().enumerate().filter(|(_, v)| **v > 0.0);
+        measured.for_each(|(f, _)| least[f] = least[f].max(of(f)));
+    }
+    let tail = tail_errors(snapshots, &slots, &variation, &least, &predictions);
+    Some(Fit { model, numbers, slots, variation, held_back: predictions.len(), tail })
+}
+
+/// Takes a candidate that is clearly better than those before. `scored`: square of its error over the tail, and its predictions.
+fn better(
+    best: &mut Option<Candidate>,
+    (sum, predictions): (f64, Vec<Vec<f64>>),
+    scale: f64,
+    (shape, length): (Tried, usize),
+) {
+    let score = (sum * scale).max(SAME * SAME);
+    if best.as_ref().is_none_or(|b| score < BETTER * BETTER * b.score) {
+        *best = Some(Candidate { score, shape, length, predictions });
+    }
+}
+
+/// The candidates with inputs, where they vary: of all states that are kept, since few that follow each other are enough. `stretch`: those
+/// without a gap at the end.
+fn driven(last: &Last, stretch: usize, tail: usize, best: &mut Option<Candidate>) {
+    let length = last.whole.len();
+    let first = length - tail;
+    let (whole, Some(inputs)) = (&last.whole, &last.inputs) else { return };
+    let split = Split::new(&whole.part(0..first), &inputs.part(0..first), DRIVEN_RANKS[1]);
+    let Some(split) = split.filter(|_| stretch >= driven_stretch(tail)) else { return };
+    let scale = 1.0 / hold(whole, tail);
+    for products in [false, true] {
+        for delays in DRIVEN_DELAYS {
+            for rank in DRIVEN_RANKS {
+                let shape = DrivenShape { delays, rank, products };
+                let fit = split.fit(shape);
+                if let Some(scored) = fit.and_then(|fit| driven_score(whole, inputs, &fit, tail)) {
+                    better(best, scored, scale, (Tried::Driven(shape), length));
+                }
+            }
+        }
+    }
+}
+
+/// States without a gap at the end that a fit with inputs needs.
+pub(crate) fn driven_stretch(hold_out: usize) -> usize {
+    hold_out.max(DRIVEN_TAIL) + DRIVEN_DELAYS[1]
+}
+
+/// Mean square of what field `f` changes by over so many strides, in the stretches of these states; 0 where there are none.
+pub(crate) fn typical(
+    snapshots: &Snapshots,
+    (numbers, slots): (&[i64], &[usize]),
+    f: usize,
+    strides: i64,
+) -> f64 {
+    let (table, c) = (&snapshots.products[f], snapshots.capacity());
+    let apart = |i: &usize, j: &usize| numbers[*j] - numbers[*i] == strides;
+    let pairs = (0..slots.len())
+        .filter_map(|i| (i + 1..slots.len()).find(|j| apart(&i, j)).map(|j| (slots[i], slots[j])));
+    let squares = pairs.map(|(a, b)| table[a * c + a] - 2.0 * table[a * c + b] + table[b * c + b]);
+    let (sum, count) = squares.fold((0.0, 0), |(sum, n), square| (sum + square.max(0.0), n + 1));
+    sum / f64::from(count.max(1))
 }
 
 /// Windows to choose from.

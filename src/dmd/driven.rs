@@ -40,6 +40,8 @@ pub(crate) struct DrivenShape {
 /// A window whose states are split into what follows from the inputs at once, and the rest.
 pub(crate) struct Split {
     m: usize,
+    /// Sample numbers, ascending.
+    numbers: Vec<i64>,
     centre: Centre,
     input_centre: Centre,
     /// A column an input: `E`, and the sums of its squares over the window.
@@ -108,7 +110,18 @@ impl Split {
         let (rests, values) = leading(&left, ROUNDING * ROUNDING, most)?;
         let cross = rests.transpose() * &answers;
         let sizes = values.iter().map(|v| v.sqrt()).collect();
-        Some(Split { m: window.len(), centre, input_centre, inputs: own, squares, rests, sizes, cross })
+        let numbers = window.numbers().to_vec();
+        Some(Split {
+            m: window.len(),
+            numbers,
+            centre,
+            input_centre,
+            inputs: own,
+            squares,
+            rests,
+            sizes,
+            cross,
+        })
     }
 
     /// With so many directions at most. None where there are too few states.
@@ -137,12 +150,18 @@ impl Split {
             .collect();
         let inputs: Vec<Vec<f64>> =
             (0..m).map(|i| (0..k).map(|l| scale * self.inputs[(i, l)]).collect()).collect();
-        let n = m.checked_sub(q).filter(|n| *n > 1 && r > 0)?;
-        let features: Vec<Vec<f64>> =
-            (0..n).map(|i| features(&rests[i..i + q], &inputs[i..=i + q], shape.products)).collect();
+        // States that follow each other: the solver's stretches between jumps.
+        let starts: Vec<usize> =
+            (0..m.saturating_sub(q)).filter(|i| self.numbers[i + q] - self.numbers[*i] == q as i64).collect();
+        let n = starts.len();
+        if n < 2 || r == 0 {
+            return None;
+        }
+        let of = |&i: &usize| features(&rests[i..i + q], &inputs[i..=i + q], shape.products);
+        let features: Vec<Vec<f64>> = starts.iter().map(of).collect();
         // W = B V S^-2 V^T A^T, of A^T A = V S^2 V^T
         let a = Mat::from_fn(features[0].len(), n, |f, i| features[i][f]);
-        let b = Mat::from_fn(r, n, |j, i| rests[i + q][j]);
+        let b = Mat::from_fn(r, n, |j, i| rests[starts[i] + q][j]);
         let (vectors, values) = leading(&(a.transpose() * &a), CUT * CUT, n)?;
         let inverse = Mat::from_fn(n, values.len(), |i, s| vectors[(i, s)] / values[s]);
         let weights = (&b * &inverse) * (vectors.transpose() * a.transpose());

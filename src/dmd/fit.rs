@@ -142,6 +142,8 @@ pub struct Fit {
     pub(crate) slots: Vec<usize>,
     /// Mean square of what each field varies by, at least the least change that errors are over; 0 for those that do not or are not measured.
     pub(crate) variation: Vec<f64>,
+    /// Snapshots of the held-back tail.
+    pub held_back: usize,
     /// Of the held-back tail, over all its snapshots.
     pub tail: Vec<FieldError>,
 }

@@ -1,13 +1,13 @@
 //! The surrogate: states of a run go in at uniform times; what a fit of them says of later times comes out.
 
-use crate::choose::{DRIVEN_DELAYS, choose, variations, window};
+use crate::choose::{DRIVEN_DELAYS, choose, driven_stretch, variations, window};
 use crate::fit::{Fit, FitSettings};
 use crate::outlook::{Foreseen, Outlook};
 use crate::sampling::Grid;
 use crate::settle::{Look, Settle, Turn};
 use crate::snapshots::{Combination, Snapshots, enters};
 use crate::store::Store;
-use crate::sums::Storage;
+use crate::sums::{Storage, Values};
 use crate::wave::leading;
 use m4gn_base::{Error, Result};
 use m4gn_parallel::Comm;
@@ -297,6 +297,19 @@ impl OnlineDmd {
         let last = numbers.last().copied().unwrap_or(0);
         let missing = numbers.iter().rev().zip(0..).take_while(|(n, i)| **n == last - i);
         if self.state.present == Some(last) { missing.count() } else { 0 }
+    }
+
+    /// The states that a fit could be made of: those without a gap up to the present one, and where inputs change, for which few of them are
+    /// enough, all.
+    pub fn usable(&self) -> usize {
+        let stretch = self.stretch();
+        let fields = self.snapshots.fields().iter().enumerate();
+        let mut inputs = fields.filter(|(_, field)| field.role == Role::Prescribed).map(|(f, _)| f);
+        let changes = |f: usize| self.snapshots.entries.iter().any(|e| e.values[f] != Values::Same);
+        match stretch >= driven_stretch(self.settings.fit.hold_out) && inputs.any(changes) {
+            true => self.snapshots.entries.len(),
+            false => stretch,
+        }
     }
 
     /// Drops the fit: the states that it kept can go.

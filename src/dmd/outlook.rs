@@ -1,6 +1,6 @@
 //! What a fit says of later times, what it has to be told of them for that, and how far it was off.
 
-use crate::choose::{prescribed, spread};
+use crate::choose::{prescribed, spread, typical};
 use crate::dmd::Dmd;
 use crate::driven::Driven;
 use crate::fit::{FieldError, Fit, Model};
@@ -270,7 +270,12 @@ impl OnlineDmd {
             let error = self.snapshots.distance(f, prediction, &state);
             let change = self.snapshots.distance(f, &from, &state);
             let over = |square: f64| (square / v).sqrt();
-            FieldError { name: field.name.clone(), error: over(error), hold: over(change.max(least[f])) }
+            let typical = match fit.model {
+                Model::Free(_) => 0.0,
+                Model::Driven(_) => typical(&self.snapshots, (&fit.numbers, &fit.slots), f, before as i64),
+            };
+            let hold = over(change.max(least[f]).max(typical));
+            FieldError { name: field.name.clone(), error: over(error), hold }
         });
         Some(errors.collect())
     }

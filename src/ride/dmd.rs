@@ -52,6 +52,8 @@ pub struct DmdSurrogate {
     pub(crate) online: OnlineDmd,
     settings: DmdSettings,
     pub(crate) rules: FitRules,
+    /// Those of a fit with inputs.
+    driven: FitRules,
     pub(crate) now: RestartState,
     predicted: Option<Combination>,
     /// Strides that it is ahead of where it was predicted from.
@@ -120,6 +122,7 @@ impl DmdSurrogate {
             layout: layout.clone(),
             places,
             online,
+            driven: settings.rules().driven(),
             rules: settings.rules(),
             settings,
             now: RestartState {
@@ -275,7 +278,10 @@ impl Surrogate for DmdSurrogate {
 
 impl Fits for DmdSurrogate {
     fn rules(&self) -> &FitRules {
-        &self.rules
+        match self.online.fitted() {
+            Some(fit) if fit.model.inputs() > 0 => &self.driven,
+            _ => &self.rules,
+        }
     }
 
     fn wants(&self, step: &Step) -> bool {
@@ -312,7 +318,7 @@ impl Fits for DmdSurrogate {
             (errors.map_or(f64::INFINITY, |e| relative(&e)), jumped)
         });
         let wave = if cuts && self.settings.cut_transient { self.look() } else { None };
-        Ok(Seen { interval, period, snapshots, contiguous: self.online.stretch(), error, wave })
+        Ok(Seen { interval, period, snapshots, contiguous: self.online.usable(), error, wave })
     }
 
     fn cuts(&self) -> bool {
@@ -343,6 +349,7 @@ impl Fits for DmdSurrogate {
             rank: fit.model.rank(),
             inputs: fit.model.inputs(),
             unstable: fit.model.growing(),
+            held_back: fit.held_back,
             error: fit.tail_error(),
             errors: fit.tail.iter().map(|e| (e.name.clone(), e.error)).collect(),
             modes,

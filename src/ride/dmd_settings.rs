@@ -168,7 +168,6 @@ impl DmdSettings {
             refit_interval: self.refit_interval,
             min_snapshots: self.min_snapshots(),
             window: self.window(),
-            hold_out: self.hold_out,
         }
     }
 }

@@ -43,8 +43,14 @@ pub struct FitRules {
     pub min_snapshots: usize,
     /// Snapshots in a fit at most.
     pub window: usize,
-    /// Snapshots that are held back.
-    pub hold_out: usize,
+}
+
+impl FitRules {
+    /// Those of a fit with inputs: its errors are those of what the inputs do by chance, so that waiting betters nothing, and what adds up over
+    /// a jump does not show in the stride after it.
+    pub(crate) fn driven(self) -> Self {
+        FitRules { fit_tolerance: self.jump_tolerance, max_jump: self.initial_jump, ..self }
+    }
 }
 
 /// What decides over one fit.
@@ -149,11 +155,11 @@ impl FitControl {
     /// Tries a fit. Says what came of it.
     fn fit(&mut self, fits: &mut dyn Fits, step: &Step, decisions: &mut Decisions) -> String {
         self.tried = 0;
-        let rules = fits.rules().clone();
         let Some(report) = fits.fit() else {
             self.jumped_by_others = 0.0;
             return String::new();
         };
+        let rules = fits.rules().clone();
         let error = report.error;
         let trend = trend(&self.errors, error);
         let settled = error < rules.fit_tolerance || trend == Trend::Alike;
@@ -182,7 +188,7 @@ impl FitControl {
                 rules.fit_tolerance
             ),
         };
-        let mut said = described(&report, &rules, step, &verdict);
+        let mut said = described(&report, step, &verdict);
         let mut decided = as_data(&report, &rules);
         decided["decision"] = json!(if holds { "used" } else { "dropped" });
         // Which bound it has met, or missed
@@ -321,7 +327,7 @@ fn as_data(report: &FitReport, rules: &FitRules) -> Value {
     let fields: Map<String, Value> = report.errors.iter().map(|(name, e)| (name.clone(), json!(e))).collect();
     json!({
         "states": report.snapshots, "delays": report.delays, "rank": report.rank, "inputs": report.inputs, "growth_kept": report.unstable,
-        "held_back": rules.hold_out, "error": report.error, "fit_tolerance": rules.fit_tolerance,
+        "held_back": report.held_back, "error": report.error, "fit_tolerance": rules.fit_tolerance,
         "jump_tolerance": rules.jump_tolerance, "errors": fields,
     })
 }
@@ -342,7 +348,7 @@ fn leading(modes: &[Mode]) -> String {
     format!("period {} s, growth {} 1/s", digits.of(1.0 / mode.frequency), digits.of(mode.growth_rate))
 }
 
-fn described(report: &FitReport, rules: &FitRules, step: &Step, verdict: &str) -> String {
+fn described(report: &FitReport, step: &Step, verdict: &str) -> String {
     let fields: Vec<String> =
         report.errors.iter().map(|(name, error)| format!("{name} {error:.2e}")).collect();
     format!(
@@ -353,7 +359,7 @@ fn described(report: &FitReport, rules: &FitRules, step: &Step, verdict: &str) -
         report.delays,
         report.rank,
         report.kind(),
-        rules.hold_out,
+        report.held_back,
         report.error,
         fields.join(", ")
     )

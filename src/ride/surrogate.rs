@@ -178,6 +178,8 @@ pub struct FitReport {
     pub inputs: usize,
     /// Whether modes that grow go on growing.
     pub unstable: bool,
+    /// Snapshots that were held back.
+    pub held_back: usize,
     /// Error of the snapshots that were held back, over that of holding the one before them.
     pub error: f64,
     /// The same of each array, over its variation.

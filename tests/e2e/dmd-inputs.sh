@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# m4gnSurrogate with surrogates (dmd) and boundary values that are prescribed in time: an inlet that pulsates is jumped, one that
-# changes otherwise than before is left to the solver in time, and values that nobody can say beforehand are refused.
+# m4gnSurrogate with surrogates (dmd) and boundary values that are prescribed in time: an inlet that pulsates or has gusts is jumped, and so is a
+# wall that turns by a table; one that goes beyond what was seen is left to the solver in time, and values that nobody can say beforehand are refused.
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case endTime 3 deltaT 0.004 writeInterval 1.5
 set_entries system/fvSolution tolerance 1e-7 relTol 0.05
@@ -16,6 +16,38 @@ ride "$dmd"
 replaces 0.1 'a pulsating inlet'
 # 1.5 s and 3 s are three periods apart: over what the field is
 close_to ../plain 0.1 3/U
+
+# Gusts: a number by chance each 0.12 s, known beforehand and never seen before
+gusts() { awk -v level="$1" -v size="$2" 'BEGIN { srand(3); for (t = 0; t < 9; t += .12) printf "(%.2f " ENVIRON["form"] ")", t, level + size*(2*rand() - 1) }'; }
+export form='(%.6f 0 0)'
+inlet "type uniformFixedValue; uniformValue table ($(gusts 0.2 0.02)); value uniform (0.2 0 0);"
+plain 1.5 3
+ride "$dmd"
+expect_log 'inputs that are known beforehand: U at inlet' ', 1 input: its last 10 states'
+replaces 0.3 'an inlet with gusts'
+close_to ../plain 0.02 1.5/U 3/U
+decided 'a fit with an input is used' "[d for d in of('fit', decision='used') if d['inputs'] == 1]"
+keep whole postProcessing 1.5 3
+# Carried on in a jump or between two, the run is the same
+carry_on 1.5
+close_to ../whole 1e-9 3/U
+# The inputs are those of all ranks
+ride "$dmd"
+same_on_two_ranks 1e-6 3/U
+
+# A cylinder that turns by a table, in a steady inlet
+clean_case
+inlet 'type fixedValue; value uniform (0.2 0 0);'
+export form=%.6f
+cp 0/U U
+foamDictionary -entry boundaryField/cylinder -set "{ type rotatingWallVelocity; origin (0.31 0.212 0); axis (0 0 1); omega table ($(gusts 0 4)); }" 0/U > log.set ||
+    { foamDictionary -entry 'boundaryField' 0/U; fail foamDictionary; }
+plain 1.5 3
+ride "$dmd"
+expect_log 'inputs that are known beforehand: U at cylinder'
+replaces 0.3 'a cylinder that turns'
+close_to ../plain 0.01 1.5/U 3/U
+mv U 0/U
 
 # Constant, and from 1.4 s on another: no stride over the change
 inlet 'type uniformFixedValue; uniformValue table ((0 (0.2 0 0)) (1.4 (0.2 0 0)) (1.5 (0.25 0 0)) (9 (0.25 0 0))); value uniform (0.2 0 0);'
