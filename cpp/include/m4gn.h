@@ -487,8 +487,9 @@ typedef struct m4gn_host
  *   snapshot_interval  null        Time between the states that are kept, the stride: a tenth to a twentieth of the period of
  *                                  what the flow does [s]; null: found in the run: 25 of the longest time steps of late, then a
  *                                  fourteenth of the period that two fits have shown
- *   window             40          States in a fit at most, up to 1000
- *   min_snapshots      null        States without a gap that a fit needs; null: window
+ *   window             null        States in a fit at most, up to 1000; null: 40, and 160 where boundary values are prescribed
+ *                                  in time
+ *   min_snapshots      null        States without a gap that a fit needs; null: window, where it is given, else 40
  *   hold_out           5           States at the end of the window that are held back to choose by
  *   delays             [5, 8, 12]  Numbers of states in a delayed state to choose from
  *   svd_rank           [12, 30]    Numbers of directions that are kept of the delayed states, to choose from
