@@ -1,7 +1,7 @@
 //! Higher-order dynamic mode decomposition of the run's own states, as a surrogate.
 
 use crate::dmd_settings::DmdSettings;
-use crate::fit_control::FitRules;
+use crate::fit_rules::FitRules;
 use crate::inputs::prescribed_in_time;
 use crate::interval::Interval;
 use crate::registry::Making;

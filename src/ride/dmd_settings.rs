@@ -1,6 +1,6 @@
 //! What a case sets of the dmd surrogate.
 
-use crate::fit_control::FitRules;
+use crate::fit_rules::FitRules;
 use m4gn_base::settings;
 use m4gn_base::{Error, Result};
 use m4gn_dmd::{FitSettings, Settle, Storage};

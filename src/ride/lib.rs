@@ -15,6 +15,7 @@ mod dmd_settings;
 #[cfg(test)]
 mod dmd_tests;
 pub mod fit_control;
+pub mod fit_rules;
 mod inputs;
 mod interval;
 mod jump;

@@ -1,7 +1,7 @@
 //! What may take the solver's place for a while: a network, a fit of the run's own states, or anything else that advances arrays of the
 //! state by strides. One file and one line of [`KINDS`](crate::registry::KINDS) add another.
 
-use crate::fit_control::FitRules;
+use crate::fit_rules::FitRules;
 use crate::schedule::Step;
 use m4gn_base::Result;
 use m4gn_dmd::Mode;
