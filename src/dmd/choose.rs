@@ -12,16 +12,9 @@ const SAME: f64 = 1e-6;
 /// A candidate is better than one before it if its error is below this times the other's.
 const BETTER: f64 = 0.95;
 
-/// Shapes to choose from with inputs: for few states, and for many.
-const DRIVEN: [DrivenShape; 3] = [
-    DrivenShape { delays: 2, rank: 20, products: false },
-    DrivenShape { delays: 2, rank: 20, products: true },
-    DrivenShape { delays: 4, rank: 50, products: true },
-];
-
-/// Most states and directions of these.
-pub(crate) const DRIVEN_DELAYS: usize = 4;
-const DRIVEN_RANK: usize = 50;
+/// States and directions to choose from with inputs: as few as there can be, since each product with an input is one more to learn.
+pub(crate) const DRIVEN_DELAYS: [usize; 2] = [2, 4];
+const DRIVEN_RANKS: [usize; 2] = [20, 50];
 
 /// States that a fit with inputs needs at least, and those that are held back from it at least: as many as a first jump has by default, since
 /// what a few states say of an input fails soon.
@@ -237,20 +230,25 @@ fn driven(last: &Last, stretch: usize, tail: usize, best: &mut Option<Candidate>
     let length = last.whole.len();
     let first = length - tail;
     let (whole, Some(inputs)) = (&last.whole, &last.inputs) else { return };
-    let split = Split::new(&whole.part(0..first), &inputs.part(0..first), DRIVEN_RANK);
+    let split = Split::new(&whole.part(0..first), &inputs.part(0..first), DRIVEN_RANKS[1]);
     let Some(split) = split.filter(|_| stretch >= driven_stretch(tail)) else { return };
     let scale = 1.0 / hold(whole, tail);
-    for shape in DRIVEN {
-        let fit = split.fit(shape);
-        if let Some(scored) = fit.and_then(|fit| driven_score(whole, inputs, &fit, tail)) {
-            better(best, scored, scale, (Tried::Driven(shape), length));
+    for products in [false, true] {
+        for delays in DRIVEN_DELAYS {
+            for rank in DRIVEN_RANKS {
+                let shape = DrivenShape { delays, rank, products };
+                let fit = split.fit(shape);
+                if let Some(scored) = fit.and_then(|fit| driven_score(whole, inputs, &fit, tail)) {
+                    better(best, scored, scale, (Tried::Driven(shape), length));
+                }
+            }
         }
     }
 }
 
 /// States without a gap at the end that a fit with inputs needs.
 pub(crate) fn driven_stretch(hold_out: usize) -> usize {
-    hold_out.max(DRIVEN_TAIL) + DRIVEN_DELAYS
+    hold_out.max(DRIVEN_TAIL) + DRIVEN_DELAYS[1]
 }
 
 /// Mean square of what field `f` changes by over so many strides, in the stretches of these states; 0 where there are none.

@@ -211,7 +211,7 @@ impl OnlineDmd {
     }
 
     pub(crate) fn most_delays(&self) -> i64 {
-        self.settings.fit.delays.iter().copied().fold(DRIVEN_DELAYS, usize::max) as i64
+        self.settings.fit.delays.iter().chain(&DRIVEN_DELAYS).max().map_or(1, |d| *d as i64)
     }
 
     fn complete(&mut self) {
