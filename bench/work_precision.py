@@ -1,0 +1,146 @@
+"""Error against the reference of Schaefer and Turek's 2D-2 over processor time: python bench/work_precision.py FOLDER [--only REGEX] [--picture FILE.svg]
+
+2D-2 (Schaefer, Turek 1996): a cylinder of 0.1 m in a channel of 2.2 x 0.41 m, Re 100. The answer is the largest drag and lift coefficient and the
+Strouhal number of the settled wake; the error is the mean of the three relative errors to REFERENCE. Each run starts from rest and goes to END, or
+ends where m4gnAverages knows mean drag and rms of lift to one percent (stop); with dmd the surrogate takes part. A run that is there is not made again.
+Needs env.sh, gmsh, icoFoam in PATH, and numpy (matplotlib for the picture)."""
+import argparse, json, math, os, re, resource, shutil, subprocess
+import numpy as np
+
+TEMPLATE = os.path.join(os.environ["M4GN_HOME"], "openfoam/templates/cylinder-flow")
+END = 12.0
+# Midpoints of the benchmark's ranges: 3.22 to 3.24, 0.99 to 1.01, 0.295 to 0.305
+REFERENCE = {"drag": 3.23, "lift": 1.0, "strouhal": 0.3}
+SPEED, DIAMETER = 1.0, 0.1
+SIZES = (0.0408, 0.0286, 0.02, 0.014)
+# Courant number that the time step aims at, by the rule of family.toml
+COURANT = 0.8
+SURROGATE = "surrogate { type m4gnSurrogate; libs (m4gnFoam); mode replace; surrogates (dmd); }"
+AVERAGES = """averages { type m4gnAverages; libs (m4gnAverages); stop yes; minTime 2; quantities {
+    Cd { functionObject forces; result Cd; relative 0.01; } Cl { functionObject forces; result Cl; statistic rms; relative 0.01; } } }"""
+
+
+def plans():
+    """name: mesh's shape and size, scheme, whether the surrogate takes part, whether the run ends when it knows."""
+    for shape in ("triangles", "quads"):
+        for size in SIZES:
+            for scheme in ("Euler", "backward"):
+                for dmd in (False, True):
+                    for stop in (False, True):
+                        name = f"{shape}-{size}-{scheme}{'-dmd' if dmd else ''}{'-stop' if stop else ''}"
+                        yield name, dict(shape=shape, size=size, scheme=scheme, dmd=dmd, stop=stop)
+
+
+def fill(case, name, values):
+    path = os.path.join(case, name)
+    text = open(path).read()
+    for key, value in values.items():
+        text = text.replace(f"@{key}@", str(value))
+    open(path, "w").write(text)
+
+
+def run(case, *command):
+    with open(f"{case}/log.{command[0]}", "w") as log:
+        subprocess.run(command, cwd=case, stdout=log, stderr=subprocess.STDOUT, check=True)
+
+
+def make(case, plan):
+    shutil.copytree(TEMPLATE, case)
+    fill(case, "mesh.geo", dict(x=0.2, y=0.2, radius=0.05, size=plan["size"], shape=0, elements=int(plan["shape"] == "quads")))
+    path = os.path.join(case, "mesh.geo")
+    text = open(path).read()
+    open(path, "w").write(text.replace("L = 1.6;", "L = 2.2;"))
+    # A polynomial of degree two with 1.5 m/s at mid-height
+    fill(case, "0/U", dict(linear=4 * 1.5 / 0.41, quadratic=-4 * 1.5 / 0.41**2))
+    fill(case, "constant/transportProperties", dict(nu=1e-3))
+    fill(case, "system/fvSolution", dict(tolerance=1e-6, correctors=1))
+    fill(case, "system/fvSchemes", dict(convection=0))
+    steps = math.ceil(0.05 * 9.5 * 1.5 / plan["size"] / (1 - 0.1 / 0.41) / COURANT)
+    fill(case, "system/controlDict", dict(endTime=END, deltaT=repr(0.05 / steps), writeInterval=END))
+    path = os.path.join(case, "system/fvSchemes")
+    text = open(path).read()
+    open(path, "w").write(re.sub(r"default\s+Euler", f"default {plan['scheme']}", text))
+    forces = (f"forces {{ type forceCoeffs; libs (forces); patches (cylinder); rho rhoInf; rhoInf 1; CofR (0.2 0.2 0); liftDir (0 1 0); dragDir (1 0 0); "
+              f"pitchAxis (0 0 1); magUInf {SPEED}; lRef {DIAMETER}; Aref {DIAMETER * 0.01}; log no; }}")
+    with open(f"{case}/system/functions", "w") as out:
+        out.write("\n".join([forces] + [SURROGATE] * plan["dmd"] + [AVERAGES] * plan["stop"]) + "\n")
+    run(case, "gmsh", "-nt", "1", "-3", "-format", "msh2", "-o", "mesh.msh", "mesh.geo")
+    run(case, "gmshToFoam", "mesh.msh")
+    run(case, "changeDictionary", "-constant")
+
+
+def answer(case):
+    """Largest drag and lift, and the Strouhal number, of the last whole periods within two seconds."""
+    rows = np.loadtxt(f"{case}/postProcessing/forces/0/coefficient.dat")
+    names = [l for l in open(f"{case}/postProcessing/forces/0/coefficient.dat") if l.startswith("# Time")][0].split()[1:]
+    t, drag, lift = rows[:, 0], rows[:, names.index("Cd")], rows[:, names.index("Cl")]
+    late = t > t[-1] - 2
+    t, drag, lift = t[late], drag[late], lift[late]
+    level = lift.mean()
+    up = np.flatnonzero((lift[:-1] < level) & (lift[1:] >= level))
+    crossing = t[up] + (level - lift[up]) / (lift[up + 1] - lift[up]) * (t[up + 1] - t[up])
+    if len(crossing) < 3:
+        return dict(drag=drag.max(), lift=lift.max(), strouhal=0.0, end=t[-1])
+    frequency = (len(crossing) - 1) / (crossing[-1] - crossing[0])
+    return dict(drag=drag.max(), lift=lift.max(), strouhal=frequency * DIAMETER / SPEED, end=t[-1])
+
+
+def measured(folder, name, plan):
+    case = os.path.join(folder, name)
+    kept = os.path.join(folder, f"{name}.json")
+    if not os.path.exists(kept):
+        shutil.rmtree(case, ignore_errors=True)
+        make(case, plan)
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        run(case, "icoFoam")
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        found = dict(plan, seconds=after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, **answer(case))
+        found["cells"] = int(re.search(rb"nCells:\s*(\d+)", open(f"{case}/constant/polyMesh/owner", "rb").read()).group(1))
+        found["error"] = float(np.mean([abs(found[k] / REFERENCE[k] - 1) for k in REFERENCE]))
+        with open(kept, "w") as out:
+            json.dump(found, out)
+        shutil.rmtree(case)
+    return json.load(open(kept))
+
+
+def picture(rows, path):
+    import matplotlib
+    matplotlib.use("svg")
+    import matplotlib.pyplot as plt
+    figure, axes = plt.subplots(figsize=(7, 4.5))
+    lines = {}
+    for r in rows:
+        label = f"{r['shape']}, {r['scheme']}{', dmd' if r['dmd'] else ''}{', stop' if r['stop'] else ''}"
+        lines.setdefault(label, []).append((r["seconds"], 100 * r["error"]))
+    for label, points in lines.items():
+        points.sort()
+        axes.loglog(*zip(*points), "o-" if "dmd" in label else "s--", label=label, markersize=4, linewidth=1)
+    axes.set_xlabel("processor time, s")
+    axes.set_ylabel("mean error of drag, lift, Strouhal number, %")
+    axes.grid(True, which="both", linewidth=0.3)
+    axes.legend(fontsize=7)
+    figure.tight_layout()
+    figure.savefig(path)
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder")
+    parser.add_argument("--only", default="")
+    parser.add_argument("--picture")
+    args = parser.parse_args()
+    os.makedirs(args.folder, exist_ok=True)
+    rows = []
+    print("| run | cells | ended, s | processor time, s | drag | lift | Strouhal | error, % |\n| --- | --- | --- | --- | --- | --- | --- | --- |")
+    for name, plan in plans():
+        if re.search(args.only, name):
+            r = measured(args.folder, name, plan)
+            rows.append(r)
+            print(f"| {name} | {r['cells']} | {r['end']:.2f} | {r['seconds']:.1f} | {r['drag']:.4f} | {r['lift']:.4f} | {r['strouhal']:.4f} | "
+                  f"{100 * r['error']:.2f} |", flush=True)
+    if args.picture:
+        picture(rows, args.picture)
+
+
+if __name__ == "__main__":
+    main()
