@@ -125,7 +125,7 @@ fn compare_driven(comm: &Comm, mine: &[usize], all: &[usize]) -> m4gn_base::Resu
         faces.map(|i| (1.0 + *i as f64) * input(k)).collect::<Vec<f64>>()
     };
     let mut wave = [1.0, 0.0];
-    for k in 0..40 {
+    let mut offer = |here: &mut OnlineDmd, alone: &mut OnlineDmd, k: i64| -> m4gn_base::Result<()> {
         let [x, y] = wave;
         wave = [0.9 * x - 0.4 * y + input(k + 1), 0.4 * x + 0.9 * y - 0.3 * input(k)];
         let at = |i: usize| (i as f64 * 0.3).sin() * wave[0] + (i as f64 * 0.7).cos() * wave[1];
@@ -133,7 +133,9 @@ fn compare_driven(comm: &Comm, mine: &[usize], all: &[usize]) -> m4gn_base::Resu
         let time = 0.1 * k as f64;
         here.offer(time, 0.1, &[&state(mine), &inlet(mine, k + 1)])?;
         alone.offer(time, 0.1, &[&state(all), &inlet(all, k + 1)])?;
-    }
+        Ok(())
+    };
+    (0..40).try_for_each(|k| offer(&mut here, &mut alone, k))?;
     let inputs = [&mut here, &mut alone].map(|l| l.fit().map_or(0, |fit| fit.model.inputs()));
     for s in here.asks(12.0) {
         let k = 40 + s as i64;
@@ -149,5 +151,12 @@ fn compare_driven(comm: &Comm, mine: &[usize], all: &[usize]) -> m4gn_base::Resu
     let differences = own.iter().zip(part(&whole, mine)).map(|(a, b)| (a - b).abs());
     let mut most = [differences.fold(0.0, f64::max)];
     comm.max_f64(&mut most);
-    Ok(most[0])
+    // Behind a gap all states can be used, as a rank that has no such face must know as well
+    here.break_off();
+    alone.break_off();
+    (40..60).try_for_each(|k| offer(&mut here, &mut alone, k))?;
+    match (here.usable(), alone.usable()) {
+        (a, b) if a == b && a > 20 => Ok(most[0]),
+        other => Err(m4gn_base::Error::Numerical(format!("states that can be used: {other:?}"))),
+    }
 }

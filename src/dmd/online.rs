@@ -7,7 +7,7 @@ use crate::sampling::Grid;
 use crate::settle::{Look, Settle, Turn};
 use crate::snapshots::{Combination, Snapshots, enters};
 use crate::store::Store;
-use crate::sums::{Storage, Values};
+use crate::sums::Storage;
 use crate::wave::leading;
 use m4gn_base::{Error, Result};
 use m4gn_parallel::Comm;
@@ -305,7 +305,8 @@ impl OnlineDmd {
         let stretch = self.stretch();
         let fields = self.snapshots.fields().iter().enumerate();
         let mut inputs = fields.filter(|(_, field)| field.role == Role::Prescribed).map(|(f, _)| f);
-        let changes = |f: usize| self.snapshots.entries.iter().any(|e| e.values[f] != Values::Same);
+        // By what all ranks have summed: one that an input does not touch decides alike
+        let changes = |f: usize| self.snapshots.entries.iter().any(|e| self.snapshots.square(f, e) > 0.0);
         match stretch >= driven_stretch(self.settings.fit.hold_out) && inputs.any(changes) {
             true => self.snapshots.entries.len(),
             false => stretch,

@@ -164,6 +164,11 @@ impl Snapshots {
         self.fresh += 1;
     }
 
+    /// Square of a field's difference from the reference, summed over all ranks; 0 before [`Self::complete`].
+    pub(crate) fn square(&self, field: usize, entry: &Entry) -> f64 {
+        self.products[field].get(entry.slot * (self.capacity + 1)).copied().unwrap_or(0.0)
+    }
+
     /// Makes the inner products of the states that came since the last call: several states at once read those before them once. Collective.
     pub(crate) fn complete(&mut self) {
         if self.fresh > 0 {
