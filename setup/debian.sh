@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Installs the Debian packages that m4gn needs, and nothing when all are there.
-#   setup/debian.sh [core|all|solids4foam]    core: build and run; all (default): also what fetches libtorch, and what the
-#                                             tests need; solids4foam: what that is built with
+#   setup/debian.sh [core|all|solids4foam|package]    core: build and run; all (default): also what fetches libtorch, and what the
+#                                             tests need; solids4foam: what that is built with; package: what setup/package.sh needs
 set -euo pipefail
 # shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
@@ -15,6 +15,7 @@ packages=(
 foam_sourced || packages+=(openfoam)
 if [ "${1:-all}" = all ]; then packages+=(python3 python3-pip python3-venv clang-format-14 python3-sphinx python3-myst-parser furo); fi
 if [ "${1:-all}" = solids4foam ]; then packages+=(libeigen3-dev); fi
+if [ "${1:-all}" = package ]; then packages+=(dpkg-dev file); fi
 
 # package:upstream series that m4gn is built and tested with
 series=(
