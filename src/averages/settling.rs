@@ -28,7 +28,7 @@ pub(crate) fn to_value(series: &Series) -> Option<Estimate> {
     let end = series.duration();
     let edge = |k: usize| (1.0 - k as f64 / 8.0) * end;
     let ranges: Vec<f64> = (1..=4).rev().map(|k| spread(series, (edge(k), edge(k - 1)))).collect();
-    let ratio = ranges.windows(2).map(|r| if r[1] > 0.0 { r[1] / r[0] } else { 0.0 }).fold(0.0, f64::max);
+    let ratio = ratio(&ranges);
     let range = (edge(1), end);
     let mean = series.mean(range, |r| r.value);
     let left = ranges[3] / (1.0 - ratio);
@@ -48,8 +48,10 @@ pub(crate) fn to_value(series: &Series) -> Option<Estimate> {
 /// intervals hold twice what the blocks differ by where that is little, or all that a geometric series of their changes leaves. Where no end repeats
 /// itself, the mean alone may be known, from blocks that come nearer and nearer to it.
 pub(crate) fn to_repetition(series: &Series) -> Option<Estimate> {
+    let end = series.duration();
+    let lines = ENDS.iter().filter_map(|share| oscillation(series, ((1.0 - share) * end, end)));
     let ends: Vec<End> =
-        ENDS.iter().flat_map(|share| LINES.map(|lines| End::of(series, *share, lines))).flatten().collect();
+        lines.flat_map(|line| LINES.map(|lines| End::of(series, line, lines))).flatten().collect();
     ends.iter()
         .find_map(|end| end.repeated(series))
         .or_else(|| ends.iter().find_map(|end| end.approached(series)))
@@ -69,10 +71,9 @@ struct End {
 }
 
 impl End {
-    /// This share of the record, in blocks of so many periods of the strongest line, or whole multiples of it.
-    fn of(series: &Series, share: f64, lines: usize) -> Option<Self> {
+    /// The end that has this line, in blocks of so many of its periods, or whole multiples of it.
+    fn of(series: &Series, line: Oscillation, lines: usize) -> Option<Self> {
         let end = series.duration();
-        let line = oscillation(series, ((1.0 - share) * end, end))?;
         let period = line.record / line.periods;
         let periods = (line.periods + 0.02) as usize / (lines * BLOCKS) * lines;
         let begin = |blocks: usize| (end - (blocks * periods) as f64 * period).max(0.0);
@@ -133,11 +134,16 @@ impl End {
     }
 }
 
+/// Largest ratio of a value to the one before it.
+fn ratio(values: &[f64]) -> f64 {
+    values.windows(2).map(|v| if v[1] > 0.0 { v[1] / v[0] } else { 0.0 }).fold(0.0, f64::max)
+}
+
 /// How far the last of these values may be from the one that they come to, at least a quarter of `little`; none where they do not.
 fn left(values: &[f64], little: f64) -> Option<f64> {
     let range = extent(values);
     let changes: Vec<f64> = values.windows(2).map(|v| (v[1] - v[0]).abs()).collect();
-    let ratio = changes.windows(2).map(|c| if c[1] > 0.0 { c[1] / c[0] } else { 0.0 }).fold(0.0, f64::max);
+    let ratio = ratio(&changes);
     let geometric = changes.last()? * ratio / (1.0 - ratio).max(1e-12);
     match (ratio <= SETTLES, range <= little) {
         (true, true) => Some(geometric.max(0.5 * range).max(0.25 * little)),
