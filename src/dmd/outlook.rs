@@ -124,10 +124,9 @@ impl OnlineDmd {
 
     /// The modes of the fit at present, largest share of the energy first; none as for [`predict`](Self::predict), and with inputs.
     pub fn modes(&self) -> Vec<Mode> {
-        match self.outlook().map(|outlook| outlook.course) {
-            Some(Course::Free { dmd, amplitudes }) => dmd.spectrum(&amplitudes, self.settings.interval),
-            _ => Vec::new(),
-        }
+        let outlook = self.outlook();
+        let waves = outlook.as_ref().and_then(Outlook::waves);
+        waves.map_or(Vec::new(), |(dmd, amplitudes)| dmd.spectrum(amplitudes, self.settings.interval))
     }
 
     /// The state at `strides` after an outlook's sample.

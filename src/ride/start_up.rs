@@ -48,10 +48,10 @@ impl DmdSurrogate {
     /// [`Error::Numerical`] where there is nothing to predict with, or it must not be used so far.
     pub(crate) fn later(&self, strides: f64) -> Result<Combination> {
         let none = || Error::Numerical("dmd has no fit to predict with".into());
-        let outlook = match &self.now.cut {
-            Some(cut) => cut.clone(),
-            None => self.online.outlook().ok_or_else(none)?,
-        };
-        self.online.later(&outlook, rounded(strides))
+        let strides = rounded(strides);
+        match &self.now.cut {
+            Some(cut) => self.online.later(cut, strides),
+            None => self.online.later(&self.online.outlook().ok_or_else(none)?, strides),
+        }
     }
 }
