@@ -131,11 +131,16 @@ holds "$(value study r04)/$(value study r01) > 3.5 && $(value study r04)/$(value
 grep -q '<svg' study/report.html || fail "the page has no chart"
 grep -q 'a cold plain run to the end takes' study/report.html || fail "the page does not say what cold runs would take"
 ! grep -n 'NaN' study/report.html || fail "the page has figures that are none"
+# by_itself ULID: the stock solver by itself, in plain
+by_itself() {
+    rm -rf plain
+    cp -r cavity plain && cd plain
+    runs blockMesh
+    sed -i "s/^Ulid .*/Ulid $1;/" system/simulationParameters
+    runs icoFoam
+}
 # A cold run of the stock solver by itself says the same
-cp -r cavity plain && cd plain
-runs blockMesh
-sed -i 's/^Ulid .*/Ulid 2;/' system/simulationParameters
-runs icoFoam
+by_itself 2
 plain=$(awk '!/^#/ { u = $2 } END { print u }' postProcessing/mean/0/volFieldValue.dat)
 cd ..
 below "$(off "$(value study r04)" "$plain")" 0.006 "mean speed of r04 against a run by itself"
@@ -193,11 +198,7 @@ runs m4gn campaign run --store cycles
 runs m4gn campaign report --store cycles
 [ "$(awk -F, '$(NF - 3) ~ /^cycle r0/ { print $1 }' cycles/results.csv | xargs)" = "r02 r04" ] ||
     { cat cycles/results.csv; fail "r02 and r04 are not the runs that began from cycles"; }
-rm -rf plain
-cp -r cavity plain && cd plain
-runs blockMesh
-sed -i 's/^Ulid .*/Ulid 1;/' system/simulationParameters
-runs icoFoam
+by_itself 1
 plain=$(awk '!/^#/ && $1 > 1 { sum += $2; ++n } END { print sum/n }' postProcessing/mean/0/volFieldValue.dat)
 cd ..
 below "$(off "$(value cycles r02)" "$plain")" 0.002 "mean speed of r02 against a run by itself"

@@ -4,7 +4,7 @@ use super::settings::{Quantity, Settings, Statistic};
 use super::table::{Row, Table};
 use crate::digest::Digest;
 use crate::generate::process::Surroundings;
-use crate::user_case::{LEFT_OUT, copy_all, entry, function_objects, header, names, time};
+use crate::user_case::{LEFT_OUT, copy_all, entry, function_objects, header, names, time, times};
 use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -256,8 +256,7 @@ pub fn write(path: &Path, text: &str) -> Result<()> {
 
 /// Name and time of the folder of the last time in a run's case, if it is behind `start`.
 pub fn last_time(case: &Path, start: f64) -> Result<Option<(String, f64)>> {
-    let times = names(case)?.into_iter().filter_map(|n| time(&n).map(|t| (n, t)));
-    Ok(times.filter(|(_, t)| *t > start).max_by(|a, b| a.1.total_cmp(&b.1)))
+    Ok(times(case)?.pop().filter(|(_, t)| *t > start))
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 //! The mean and the harmonics of states at known times, by least squares, are combinations of these states, and so is the cycle at any phase. Its
 //! weights need the states' inner products and no more.
 
+use super::start::length;
 use faer::Mat;
 use std::f64::consts::TAU;
 
@@ -116,8 +117,7 @@ pub fn looked_at(directions: usize) -> usize {
 /// for polynomials of degree 2, else 1. None: they do not lie around the run.
 pub fn weights(offsets: &[Vec<f64>]) -> Option<Vec<f64>> {
     let offsets = spanned(offsets);
-    let length = |o: &Vec<f64>| o.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let far = offsets.iter().map(length).fold(0.0, f64::max);
+    let far = offsets.iter().map(|o| length(o)).fold(0.0, f64::max);
     if far == 0.0 {
         return None;
     }

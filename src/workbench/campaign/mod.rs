@@ -161,13 +161,12 @@ impl Campaign {
         for row in (0..self.table.rows.len()).filter(|&row| row != unit.row) {
             let other = Unit { row, check: false };
             if let State::Done(record) = self.state(other)? {
-                let places = self.places[row].iter().zip(&self.places[unit.row]);
                 let words =
                     |row: usize| self.table.rows[row].values.iter().filter(|v| table::number(v).is_none());
                 sisters.push(Sister {
                     record: *record,
                     case: self.folder_of(other).join("case"),
-                    offset: places.map(|(theirs, own)| theirs - own).collect(),
+                    offset: start::offset(&self.places[unit.row], &self.places[row]),
                     same_words: words(row).eq(words(unit.row)),
                 });
             }

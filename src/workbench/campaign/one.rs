@@ -8,7 +8,7 @@ use super::{Campaign, Unit};
 use crate::compare::surrogate;
 use crate::generate::case::program;
 use crate::generate::process::Surroundings;
-use crate::user_case::{names, time};
+use crate::user_case::{names, times};
 use m4gn_base::{Error, Result, files};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -167,11 +167,7 @@ fn clear(case: &Path) -> Result<()> {
 /// What the last check of our m4gnAverages said: the figures, and the longest period of those that oscillate.
 fn figures(campaign: &Campaign, case: &Path, log: &Path) -> Result<(BTreeMap<String, Figure>, Option<f64>)> {
     let folder = case.join("postProcessing").join(AVERAGES);
-    let latest = names(&folder)
-        .unwrap_or_default()
-        .into_iter()
-        .filter_map(|n| time(&n).map(|t| (n, t)))
-        .max_by(|a, b| a.1.total_cmp(&b.1));
+    let latest = times(&folder).unwrap_or_default().pop();
     let path = folder.join(latest.map_or(String::new(), |(n, _)| n)).join("averages.json");
     let text = files::read_text(&path).map_err(|e| {
         Error::file(

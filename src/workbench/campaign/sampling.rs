@@ -1,5 +1,6 @@
 //! Which values the parameters of a campaign's runs have, and in which order runs are made.
 
+use super::start::{length, offset};
 use super::table::{Row, Table, check_names};
 use m4gn_base::{Error, Result, refuse};
 use rand::seq::SliceRandom;
@@ -170,7 +171,7 @@ fn short(value: f64) -> String {
 /// The order in which runs are made: the one in the middle, then always the one that is farthest from all before, so that whenever a
 /// campaign is stopped its runs are spread, and each has a sister near. `places` as [`Table::places`].
 pub fn spread(places: &[Vec<f64>]) -> Vec<usize> {
-    let distance = |i: usize, to: &[f64]| super::start::distance(&places[i], to);
+    let distance = |i: usize, to: &[f64]| length(&offset(&places[i], to));
     let centre = vec![0.5; places.first().map_or(0, Vec::len)];
     let mut nearest = vec![f64::INFINITY; places.len()];
     let mut left: Vec<usize> = (0..places.len()).collect();

@@ -7,7 +7,7 @@ use super::table::number;
 use crate::digest::Digest;
 use crate::foam_case::{FoamCase, Source};
 use crate::generate::process::Surroundings;
-use crate::user_case::{copy_all, header, names, time};
+use crate::user_case::{copy_all, header, names, times};
 use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -40,22 +40,21 @@ pub struct Sister {
 
 impl Sister {
     fn far(&self) -> f64 {
-        self.offset.iter().map(|x| x * x).sum::<f64>().sqrt()
+        length(&self.offset)
     }
 }
 
 /// A run's velocity: name and value of the parameter.
 pub type Scale<'a> = Option<(&'a str, &'a str)>;
 
-/// Distance of two places in the parameters, each of which goes from 0 to 1.
-pub fn distance(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum::<f64>().sqrt()
+/// Length of an offset in the parameters, each of which goes from 0 to 1.
+pub fn length(offset: &[f64]) -> f64 {
+    offset.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// The nearest first.
-fn sorted(mut sisters: Vec<Sister>) -> Vec<Sister> {
-    sisters.sort_by(|a, b| a.far().total_cmp(&b.far()));
-    sisters
+/// From one place in the parameters to another.
+pub fn offset(from: &[f64], to: &[f64]) -> Vec<f64> {
+    from.iter().zip(to).map(|(a, b)| b - a).collect()
 }
 
 /// Time between two states that a run stores for its sisters, and how many it keeps; none: it stores its last one.
@@ -80,12 +79,12 @@ pub fn stored(start: Start, sisters: &[Sister], scale: Scale<'_>, duration: f64)
 pub fn make(
     start: Start,
     case: &Path,
-    sisters: Vec<Sister>,
+    mut sisters: Vec<Sister>,
     scale: Scale<'_>,
     tools: &Surroundings,
 ) -> Result<Started> {
     let cold = |note: Option<String>| Started { kind: "cold".into(), note, ..Started::default() };
-    let sisters = sorted(sisters);
+    sisters.sort_by(|a, b| a.far().total_cmp(&b.far()));
     if start == Start::Cold {
         return Ok(cold(None));
     }
@@ -212,10 +211,8 @@ fn cycles(case: &Path, sisters: &[Sister], scale: Scale<'_>) -> Result<Option<St
 /// Times and folders of the states that a run has stored, in order, without the one that it began with.
 fn states(case: &Path) -> Result<(Vec<f64>, Vec<PathBuf>)> {
     let first = first_fields(case)?;
-    let times = names(case)?.into_iter().filter_map(|n| time(&n).map(|t| (t, case.join(n))));
-    let mut all: Vec<(f64, PathBuf)> = times.filter(|(_, folder)| *folder != first).collect();
-    all.sort_by(|a, b| a.0.total_cmp(&b.0));
-    Ok(all.into_iter().unzip())
+    let all = times(case)?.into_iter().map(|(name, t)| (t, case.join(name)));
+    Ok(all.filter(|(_, folder)| *folder != first).unzip())
 }
 
 /// The folder of the fields that a case begins with.

@@ -72,6 +72,14 @@ pub(crate) fn time(name: &str) -> Option<f64> {
     name.parse::<f64>().ok().filter(|t| t.is_finite())
 }
 
+/// Names of the folders of all times in a folder, with their values in s, ascending.
+pub(crate) fn times(folder: &Path) -> Result<Vec<(String, f64)>> {
+    let mut found: Vec<(String, f64)> =
+        names(folder)?.into_iter().filter_map(|name| time(&name).map(|t| (name, t))).collect();
+    found.sort_by(|a, b| a.1.total_cmp(&b.1));
+    Ok(found)
+}
+
 /// Copies a file, or a folder with all that is in it. Links become what they lead to; those that lead nowhere or back to where they are,
 /// pipes and devices are left out.
 pub(crate) fn copy_all(from: &Path, to: &Path) -> Result<()> {

@@ -3,7 +3,7 @@
 use super::jumps::number_of;
 use crate::generate::case::program;
 use crate::generate::process::{Surroundings, excerpt};
-use crate::user_case::{Copy, Start, entry, log, names, time};
+use crate::user_case::{Copy, Start, copy_all, entry, log, times};
 use m4gn_base::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -87,14 +87,6 @@ impl Run<'_> {
     }
 }
 
-/// Names of the folders of all times in a folder, with their values in s, ascending.
-fn times(folder: &Path) -> Result<Vec<(String, f64)>> {
-    let mut found: Vec<(String, f64)> =
-        names(folder)?.into_iter().filter_map(|name| time(&name).map(|t| (name, t))).collect();
-    found.sort_by(|a, b| a.1.total_cmp(&b.1));
-    Ok(found)
-}
-
 /// Puts the solver's times into a copy of the whole case, in place of the run's of the same number.
 pub(super) fn replace(copy: &Copy, stretch: &[&(String, f64)], kept: &Path) -> Result<()> {
     for part in copy.parts() {
@@ -106,7 +98,7 @@ pub(super) fn replace(copy: &Copy, stretch: &[&(String, f64)], kept: &Path) -> R
             let old = to.join(name);
             std::fs::remove_dir_all(&old)
                 .map_err(|e| Error::file(&old, format!("cannot be replaced: {e}")))?;
-            crate::user_case::copy_all(&part.join(&written[i].0), &old)?;
+            copy_all(&part.join(&written[i].0), &old)?;
         }
     }
     Ok(())
