@@ -79,8 +79,11 @@ struct Store {
 #[derive(Debug, clap::Args)]
 struct One {
     /// Its name in parameters.csv
-    #[arg(value_name = "NAME")]
-    name: String,
+    #[arg(value_name = "NAME", required_unless_present = "dakota")]
+    name: Option<String>,
+    /// Take its values from Dakota's parameters file, and write its figures to Dakota's results file
+    #[arg(long, num_args = 2, value_names = ["PARAMETERS", "RESULTS"], conflicts_with_all = ["name", "check"])]
+    dakota: Option<Vec<PathBuf>>,
     /// Make the run's check: cold, plain and to the end
     #[arg(long)]
     check: bool,
@@ -153,11 +156,22 @@ pub fn run(args: Args) -> Result<()> {
             Ok(())
         }
         Verb::One(args) => {
-            let campaign = Campaign::open(&args.store.folder, &mut tools)?;
-            let unit = campaign.unit(&args.name, args.check)?;
-            let made = campaign::one(&campaign, unit, args.anew, &tools, &mut say)?;
+            let folder = &args.store.folder;
+            let (name, made) = match args.dakota.as_deref() {
+                Some([parameters, results]) => campaign::dakota::evaluate(
+                    (folder, parameters, results),
+                    args.anew,
+                    &mut tools,
+                    &mut say,
+                )?,
+                _ => {
+                    let campaign = Campaign::open(folder, &mut tools)?;
+                    let unit = campaign.unit(&args.name.unwrap_or_default(), args.check)?;
+                    (campaign.name(unit), campaign::one(&campaign, unit, args.anew, &tools, &mut say)?)
+                }
+            };
             let there = if made.before { "is there: " } else { "" };
-            println!("{}: {there}{}", campaign.name(unit), campaign::line(&made.record));
+            println!("{name}: {there}{}", campaign::line(&made.record));
             Ok(())
         }
         Verb::Run(args) => {

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # m4gn campaign: a cavity from init to report with the stock solver; killed in the middle; two at once; a run that diverges; an edited case; starts from
-# sisters, scaled and mapped; on two ranks.
+# sisters, scaled and mapped; for Dakota; on two ranks.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
@@ -178,6 +178,59 @@ refused 'failed before, and is not made again' m4gn campaign run --store other
 refused 'r03 (Ulid 300, n 20): failed: ' m4gn campaign run --store other --retry
 runs m4gn campaign report --store other
 expect_log '2 of 3 runs' 'r03 failed'
+
+# Dakota's files. asked FORMAT ULID ASV...: params.in as Dakota writes it, for the responses again and speed
+asked() {
+    local format=$1 tags=(variables functions derivative_variables analysis_components eval_id metadata)
+    if [ "$format" = aprepro ]; then
+        tags=(DAKOTA_VARS DAKOTA_FNS DAKOTA_DER_VARS DAKOTA_AN_COMPS DAKOTA_EVAL_ID DAKOTA_METADATA)
+    fi
+    put() { if [ "$format" = aprepro ]; then printf '%20s{ %-15s = %22s }\n' '' "$1" "$2"; else printf '%43s %s\n' "$2" "$1"; fi; }
+    { put "${tags[0]}" 2; put Ulid "$(printf '%.15e' "$2")"; put n 20
+      put "${tags[1]}" 2; put ASV_1:again "$3"; put ASV_2:speed "$4"
+      put "${tags[2]}" 1; put DVV_1:Ulid 1; put "${tags[3]}" 0; put "${tags[4]}" 1; put "${tags[5]}" 0; } > params.in
+}
+of_dakota() { m4gn campaign one --store by_dakota --dakota params.in results.out; }
+runs m4gn campaign init cavity --out by_dakota --parameter Ulid=1.25 --parameter n=20
+quantity by_dakota 'scale = "Ulid"'
+sed -n '/^\[\[quantity/,$ { s/"speed"/"again"/; /^relative/d; p }' by_dakota/campaign.toml > again
+cat again >> by_dakota/campaign.toml
+asked standard 1.25 1 1
+runs of_dakota
+expect_log '^r01: again '
+[ "$(awk '{ print $2 }' results.out | xargs)" = "again speed" ] || { cat results.out; fail "not the responses that were asked for, in order"; }
+[ "$(wc -l < by_dakota/parameters.csv)" = 2 ] || fail "a run that is in the table was appended"
+# Two at once that are not in the table, and one of them again
+for ulid in 1.5 0.75; do
+    mkdir "eval.$ulid" && cd "eval.$ulid"
+    asked aprepro "$ulid" 0 1
+    m4gn campaign one --store ../by_dakota --dakota params.in results.out > log &
+    cd ..
+done
+wait
+asked standard 1.5 0 1
+runs of_dakota
+expect_log ': is there: again '
+cmp results.out eval.1.5/results.out || fail "the same values have another answer"
+[ "$(cut -d, -f1 by_dakota/parameters.csv | xargs)" = "case_name r01 r02 r03" ] || fail "not three runs: $(cat by_dakota/parameters.csv)"
+runs m4gn campaign report --store by_dakota
+below "$(off "$(awk '{ print $1 }' results.out)" "$(awk -F, '$2 == 1.5 && $4 == "speed" { print $5 }' by_dakota/results.csv)")" 1e-12 "results.out against results.csv"
+below "$(off "$(awk '{ print $1 }' eval.0.75/results.out)" "$(awk '{ print $1/2 }' results.out)")" 0.02 "half the speed of the lid, in a creeping flow"
+# failed ASV WHY: Dakota is told that the run failed
+failed() {
+    refused "$1" of_dakota
+    [ "$(head -n 1 results.out)" = fail ] || { cat results.out; fail "results.out does not begin with fail"; }
+}
+asked standard 1.5 1 3
+failed 'asks for 3 of .speed.: expected 0 or 1'
+sed -i 's/3 ASV_2:speed/1 ASV_2:drag/' params.in
+failed 'response .drag.: expected a \[\[quantity\]\] of the campaign, speed, again'
+asked standard 300 1 1
+failed 'icoFoam'
+asked aprepro 1.5 1 1
+sed -i '/Ulid  /d' params.in
+failed 'expected a number of DAKOTA_VARS'
+[ "$(wc -l < by_dakota/parameters.csv)" = 5 ] || fail "what cannot be read was appended: $(cat by_dakota/parameters.csv)"
 
 # On two ranks
 refused 'numberOfSubdomains is 2: expected the 3 of --ranks' m4gn campaign init cavity --out ranks --parameter Ulid=1,1.2 --parameter n=20 --ranks 3

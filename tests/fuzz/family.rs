@@ -5,7 +5,7 @@ mod fuzzing;
 
 use fuzzing::{Random, fuzz};
 use m4gn_train::config::Config;
-use m4gn_workbench::campaign::{record, sampling, settings, table};
+use m4gn_workbench::campaign::{dakota, record, sampling, settings, table};
 use m4gn_workbench::generate::family::Family;
 use m4gn_workbench::generate::parameter::{Settings, parse_setting};
 use m4gn_workbench::study::Plan;
@@ -119,6 +119,8 @@ fn campaign() {
         (settings::FILE, CAMPAIGN),
         (table::FILE, "case_name,Uin,shape\n# two\nr01,1.5,square\nr02,2,round\nr03,2.5e0,square\n"),
         (record::DONE, RECORD),
+        ("params.in", DAKOTA[0]),
+        ("params.in", DAKOTA[1]),
     ];
     let dir = tempfile::tempdir().unwrap();
     let now: record::Record = serde_json::from_str(RECORD).unwrap();
@@ -131,7 +133,10 @@ fn campaign() {
                 damage(&mut bytes, r);
             }
             size += bytes.len();
-            std::fs::write(dir.path().join(name), &bytes).unwrap();
+            // Of the two of Dakota the damaged one
+            if k < 4 || k == damaged {
+                std::fs::write(dir.path().join(name), &bytes).unwrap();
+            }
         }
         if let Ok(settings) = settings::Settings::read(dir.path()) {
             assert!(settings.ranks > 0 && settings.jobs > 0 && !settings.solver.is_empty());
@@ -146,11 +151,29 @@ fn campaign() {
             assert!(
                 table.text().is_ok() && sampling::held_out(table.rows.len(), 0.1).len() <= table.rows.len()
             );
+            let asked = dakota::Request::read(&dir.path().join("params.in"));
+            if let Ok(values) = asked.map_err(|e| e.to_string()).and_then(|asked| asked.values(&table)) {
+                let row = table::with_row(dir.path(), values.clone()).unwrap();
+                assert_eq!(
+                    table::with_row(dir.path(), values).unwrap(),
+                    row,
+                    "it is found, not appended again"
+                );
+                assert!(table::Table::read(dir.path()).unwrap().rows.iter().any(|r| r.name == row));
+            }
         }
         let _ = record::state(dir.path(), &now.made_from);
         size
     });
 }
+
+/// What Dakota asks for, in both of its formats.
+const DAKOTA: [&str; 2] = [
+    "2 variables\n1.900000000000000e+00 Uin\nround shape\n2 functions\n1 ASV_1:Cd\n0 ASV_2:lift\n1 derivative_variables\n1 DVV_1:Uin\n0 \
+     analysis_components\n3:2 eval_id\n0 metadata\n",
+    "{ DAKOTA_VARS = 2 }\n{ Uin = 2.000000000000000e+00 }\n{ shape = \"round\" }\n{ DAKOTA_FNS = 1 }\n{ ASV_1:Cd = 1 }\n{ DAKOTA_DER_VARS = 0 \
+     }\n{ DAKOTA_AN_COMPS = 0 }\n{ DAKOTA_EVAL_ID = 1 }\n",
+];
 
 const CAMPAIGN: &str = r#"case = "case"
 prepare = [["blockMesh"], ["./Allrun.pre", "-v"]]

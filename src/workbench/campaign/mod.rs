@@ -12,6 +12,7 @@
 
 pub mod case;
 pub mod cycle;
+pub mod dakota;
 mod init;
 mod one;
 pub mod record;

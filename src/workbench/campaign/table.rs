@@ -15,7 +15,7 @@ pub const NAME: &str = "case_name";
 pub struct Row {
     /// Names its folder.
     pub name: String,
-    /// A number or a word each, as written in the file.
+    /// A number in the fewest digits, or a word, each: other programs write 1 as 1.0.
     pub values: Vec<String>,
 }
 
@@ -56,16 +56,18 @@ impl Table {
         for record in reader.records() {
             let record = record.map_err(|e| e.to_string())?;
             let line = record.position().map_or(0, csv::Position::line);
-            let (name, values) =
-                (record[0].to_string(), record.iter().skip(1).map(String::from).collect::<Vec<_>>());
+            let name = record[0].to_string();
             if !is_name(&name) {
                 return Err(format!(
                     "line {line}: expected a name of letters, digits, _ . + - =, which names a folder, found '{name}'"
                 ));
             }
-            if let Some(bad) = values.iter().find(|v| !is_value(v)) {
-                return Err(format!("line {line}: expected a number or a word of OpenFOAM, found '{bad}'"));
-            }
+            let values = record.iter().skip(1).map(|text| {
+                value(text).ok_or_else(|| {
+                    format!("line {line}: expected a number or a word of OpenFOAM, found '{text}'")
+                })
+            });
+            let values = values.collect::<std::result::Result<Vec<String>, String>>()?;
             if !names.insert(name.clone()) {
                 return Err(format!(
                     "line {line}: there is another run of the name {name}: expected each name once"
@@ -100,6 +102,40 @@ impl Table {
         let columns: Vec<Vec<f64>> = columns.collect();
         (0..self.rows.len()).map(|r| columns.iter().map(|c| c[r]).collect()).collect()
     }
+}
+
+/// The run of a campaign's table that has these values, to twelve digits; one is appended to the file where there is none. The rest of the file
+/// stays as it is. One program at a time may do so.
+///
+/// # Errors
+/// As [`Table::read`]; [`Error::File`] where the file cannot be written.
+pub fn with_row(folder: &Path, values: Vec<String>) -> Result<String> {
+    let (path, table) = (folder.join(FILE), Table::read(folder)?);
+    let same = |a: &String, b: &String| match (number(a), number(b)) {
+        (Some(a), Some(b)) => (a - b).abs() <= 1e-12 * a.abs().max(b.abs()),
+        _ => a == b,
+    };
+    if let Some(row) = table.rows.iter().find(|r| r.values.iter().zip(&values).all(|(a, b)| same(a, b))) {
+        return Ok(row.name.clone());
+    }
+    let (first, taken) = (table.rows.len() + 1, |name: &String| table.rows.iter().any(|r| r.name == *name));
+    let name = (first..).map(|i| format!("r{i:02}")).find(|name| !taken(name)).unwrap_or_default();
+    let mut text = files::read_text(&path).map_err(|e| Error::file(&path, format!("cannot be read: {e}")))?;
+    if !text.ends_with('\n') {
+        text.push('\n');
+    }
+    text += &csv_text([[vec![name.clone()], values].concat()])?;
+    files::write_whole(&path, text.as_bytes())?;
+    Ok(name)
+}
+
+/// A value in the fewest digits that say the same; none: it is neither a number nor a word.
+pub(super) fn value(text: &str) -> Option<String> {
+    let shortest = |v: f64| {
+        let plain = v == 0.0 || (1e-6..1e15).contains(&v.abs());
+        if plain { v.to_string() } else { format!("{v:e}") }
+    };
+    number(text).map(shortest).or_else(|| is_value(text).then(|| text.to_string()))
 }
 
 fn column(values: Vec<&str>) -> Vec<f64> {
@@ -153,13 +189,35 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read() {
-        let text = "case_name,Uin,model\na,1.5,kEpsilon\nb,3e-1,kOmegaSST\n";
+        let text = "case_name,Uin,model\na,1.5,kEpsilon\nb,0.3,kOmegaSST\n";
         let table = Table::parse(text).unwrap();
         assert_eq!(table.text().unwrap(), text);
         assert_eq!(table.places(), [[1.0, 0.0], [0.0, 1.0]]);
         let spaced =
-            Table::parse("# drawn\ncase_name, Uin, model\na, 1.5, kEpsilon\nb, 3e-1, kOmegaSST\n").unwrap();
+            Table::parse("# drawn\ncase_name, Uin, model\na, 1.50, kEpsilon\nb, 3e-1, kOmegaSST\n").unwrap();
         assert_eq!(spaced, table);
+    }
+
+    #[test]
+    fn a_run_is_found_by_its_values_or_appended() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(FILE);
+        let text = "# drawn\ncase_name, Uin, model\nr03, 0.30000000000000004, a\nr01, 2e-7, b";
+        std::fs::write(&path, text).unwrap();
+        let of =
+            |uin: &str, model: &str| with_row(dir.path(), vec![value(uin).unwrap(), model.into()]).unwrap();
+        assert_eq!(of("3.000000000000000e-01", "a"), "r03");
+        assert_eq!(of("2.000000000000000e-07", "b"), "r01");
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), text, "nothing is appended");
+        assert_eq!(
+            [of("3.000000000000000e-01", "b"), of("-4.000000000000000e+00", "a")],
+            ["r04", "r05"],
+            "r03 is there"
+        );
+        assert_eq!([of("0.3", "b"), of("4e20", "a")], ["r04", "r06"]);
+        let all = std::fs::read_to_string(&path).unwrap();
+        assert_eq!(all, format!("{text}\nr04,0.3,b\nr05,-4,a\nr06,4e20,a\n"));
+        assert_eq!([value("nan"), value("a b"), value("")], [None, None, None]);
     }
 
     #[test]
