@@ -115,8 +115,8 @@ fn of(finding: &Finding, line: &dyn Fn(&str, &str)) {
             ),
         );
     }
-    if report.steps > 1 {
-        line("a step", &format!("{} s of wall time", number(report.wall / (report.steps - 1) as f64, 2)));
+    if let Some(seconds) = report.a_step() {
+        line("a step", &format!("{} s of wall time", number(seconds, 2)));
     }
     if finding.surrogate == "dmd" && !report.handed_over.is_empty() {
         dmd(finding, line);
@@ -136,12 +136,7 @@ fn dmd(finding: &Finding, line: &dyn Fn(&str, &str)) {
     let report = &finding.report;
     match report.suggestion() {
         Some(s) => {
-            let window = if s.window < check::WINDOW {
-                format!(" window {0}; minSnapshots {0};", s.window)
-            } else {
-                String::new()
-            };
-            line("suggested", &format!("dmd {{ snapshotInterval {};{window} }}: {}", s.interval, s.why));
+            line("suggested", &format!("{}: {}", s.entries(), s.why));
             let memory = mib(report.window_memory(s.window));
             line("memory", &format!("up to {memory} MiB on all ranks for a window of {}", s.window));
             if let Some(seconds) = finding.stride {

@@ -92,12 +92,16 @@ sed -i 's/.*\/\/ include/#include "<system>\/simulationParameters"/' cavity/syst
 
 # What does not go together is told
 runs m4gn campaign init cavity --out study --parameter Ulid=0.5,1,1.5,2 --parameter n=20
-expect_log 'system/blockMeshDict uses a parameter and does not include' 'no quantity is known' '4 runs'
+expect_log 'system/blockMeshDict uses a parameter and does not include' 'no quantity is known' '4 runs' \
+    'check: the first run was not made: .*blockMesh'
 grep -q 'prepare = \[\["blockMesh"\]\]' study/campaign.toml || fail "blockMesh is no command: $(cat study/campaign.toml)"
 rm -rf study
 sed -i '2i #include "simulationParameters"' cavity/system/blockMeshDict
 runs m4gn campaign init cavity --out study --parameter Ulid=0.5,1,1.5,2 --parameter n=20
 expect_silence 'does not include'
+expect_log 'check: .*surrogate = "dmd" fits, with dmd { snapshotInterval '
+entries=$(sed -n 's/.*fits, with //p' log.run)
+grep -qxF "# surrogate_entries = \"$entries\"" study/campaign.toml || fail "not the entries of the check: $(cat study/campaign.toml)"
 refused 'is there already' m4gn campaign init cavity --out study --parameter Ulid=1,2
 refused 'has no \[\[quantity\]\]' m4gn campaign run --store study
 quantity study 'scale = "Ulid"' 'held_out = 0.25'

@@ -4,11 +4,21 @@ use super::case::{PARAMETERS, Source, parameters};
 use super::sampling::{Method, Parameter, sample};
 use super::survey::{check_uses, commands};
 use super::{settings, table};
+use crate::check::{self, Case, Plan};
 use crate::generate::openfoam::plain_path;
 use crate::generate::process::Surroundings;
 use crate::user_case::entry;
 use m4gn_base::{Error, Result, files, refuse};
-use std::path::PathBuf;
+use m4gn_report::number;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Wall time of the solver in a check, s, as in `m4gn check`.
+const SECONDS: u64 = 6;
+/// Longest time for a program that makes its mesh, s.
+const MESH_SECONDS: u64 = 60;
+/// What the commented entries of the surrogate are where a check suggests no other.
+const ENTRIES: &str = "dmd { snapshotInterval 0.05; }";
 
 /// What a campaign is to be made of.
 #[derive(Clone, Debug)]
@@ -94,7 +104,13 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
             settings::FILE
         ));
     }
-    let text = text(&source, &commands.prepare, ranks, &request.parameters, &quantities)?;
+    let mut text = text(&source, &commands.prepare, ranks, &request.parameters, &quantities)?;
+    let (found, suggested) =
+        checked(&source, &text, &parameters(&table, &table.rows[0]), scratch.path(), tools)?;
+    notes.push(found);
+    if let Some(entries) = suggested {
+        text = text.replace(ENTRIES, &entries);
+    }
 
     std::fs::create_dir_all(&out).map_err(|e| Error::file(&out, format!("cannot be made: {e}")))?;
     if !shared.exists() {
@@ -110,13 +126,55 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
     Ok(Found { runs: table.rows.len(), notes })
 }
 
-/// The case's own file of parameters may have nothing else: runs have another one.
-fn check_shared(
-    path: &std::path::Path,
-    parameters: &[Parameter],
-    scratch: &std::path::Path,
+/// What `m4gn check` finds of the first run, in short, and the entries of the dmd surrogate that it suggests.
+fn checked(
+    source: &Source,
+    text: &str,
+    parameters: &str,
+    scratch: &Path,
     tools: &Surroundings,
-) -> Result<()> {
+) -> Result<(String, Option<String>)> {
+    let settings: settings::Settings = toml::from_str(text).map_err(|e| Error::Internal(e.to_string()))?;
+    let copy = scratch.join("first").join(source.folder.file_name().unwrap_or("case".as_ref()));
+    let quick = Surroundings { timeout: Duration::from_secs(MESH_SECONDS), ..tools.clone() };
+    let made = source
+        .copy(&copy, &settings, parameters, true, None)
+        .and_then(|()| settings.prepare.iter().try_for_each(|command| quick.run(&copy, command)));
+    let plan = Plan {
+        case: Case::Folder(copy.clone()),
+        model: None,
+        config: None,
+        seconds: SECONDS,
+        stop: tools.stop,
+    };
+    let found = match made.and_then(|()| check::run(&plan)) {
+        Err(Error::Interrupted(e)) => return Err(Error::Interrupted(e)),
+        found => found,
+    };
+    let words =
+        |text: String| text.replace(&copy.display().to_string(), &source.folder.display().to_string());
+    let first = match &found {
+        Err(e) => {
+            let why = words(e.to_string()).replace(" (--timeout)", "");
+            let text = format!(
+                "check: the first run was not made: {why}; 'm4gn check' says more of a case with its mesh"
+            );
+            return Ok((text, None));
+        }
+        Ok(checked) => &checked.findings[0],
+    };
+    let step = first.report.a_step().map_or(String::new(), |s| format!("{} s a time step; ", number(s, 2)));
+    let suggested = first.report.suggestion().filter(|_| first.why.is_none()).map(|s| s.entries());
+    let fits = match (&first.why, &suggested) {
+        (Some(why), _) => format!("does not fit: {}", words(why.clone())),
+        (None, None) => "fits, but the run has too few time steps for a jump".into(),
+        (None, Some(entries)) => format!("fits, with {entries}"),
+    };
+    Ok((format!("check: {step}surrogate = \"dmd\" {fits}"), suggested))
+}
+
+/// The case's own file of parameters may have nothing else: runs have another one.
+fn check_shared(path: &Path, parameters: &[Parameter], scratch: &Path, tools: &Surroundings) -> Result<()> {
     if !path.exists() {
         return Ok(());
     }
@@ -135,12 +193,7 @@ fn check_shared(
 }
 
 /// Ranks of a case that is decomposed.
-fn decomposed(
-    source: &Source,
-    wanted: Option<usize>,
-    scratch: &std::path::Path,
-    tools: &Surroundings,
-) -> Result<usize> {
+fn decomposed(source: &Source, wanted: Option<usize>, scratch: &Path, tools: &Surroundings) -> Result<usize> {
     if wanted == Some(1) {
         return Ok(1);
     }
@@ -225,7 +278,7 @@ start = \"cycle\"
 # scale = \"{first}\"
 # A surrogate within the runs, with entries of m4gnSurrogate (docs/how-to/choose-snapshots.md)
 # surrogate = \"dmd\"
-# surrogate_entries = \"dmd {{ snapshotInterval 0.05; }}\"
+# surrogate_entries = \"{ENTRIES}\"
 
 # A run ends when all quantities with a tolerance are known, not before min_time, and at end_time (the case's endTime) at the latest
 stop = true

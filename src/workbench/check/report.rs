@@ -92,7 +92,23 @@ pub struct Suggestion {
     pub why: String,
 }
 
+impl Suggestion {
+    /// As entries of m4gnSurrogate.
+    pub fn entries(&self) -> String {
+        let window = match self.window < WINDOW {
+            true => format!(" window {0}; minSnapshots {0};", self.window),
+            false => String::new(),
+        };
+        format!("dmd {{ snapshotInterval {};{window} }}", self.interval)
+    }
+}
+
 impl Report {
+    /// Wall time of a time step, s; none: there was but the first one.
+    pub fn a_step(&self) -> Option<f64> {
+        (self.steps > 1).then(|| self.wall / (self.steps - 1) as f64)
+    }
+
     /// The memory of a window of the dmd surrogate on all ranks, bytes; less where arrays do not change.
     pub fn window_memory(&self, window: usize) -> f64 {
         8.0 * self.numbers * (window + BESIDE) as f64
