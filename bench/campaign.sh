@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Inlet speeds of a cylinder in a channel: cold and plain to the end; until the lift is known from the nearest sister's last state, that with dmd,
+# Inlet speeds of a cylinder in a channel: cold and plain to the end; until the lift is known cold, from the nearest sister's last state, that with dmd,
 # and from the sisters' cycles.
 #   bench/campaign.sh FOLDER [RUNS]    (docs/lab/2026-11-campaign.md)
 set -euo pipefail
@@ -37,17 +37,18 @@ cd ..
 
 mapfile -t speeds < <(awk -v n="${2:-8}" 'BEGIN { for (i = 0; i < n; ++i) printf "%.6g\n", 1.4 + 0.7*i/(n - 1) }')
 list() { printf '%s\n' "${speeds[@]}" | awk -v f="$1" '{ printf "%s%.8g", (NR > 1 ? "," : ""), f*$1 }'; }
-for name in nearest cycle dmd cold; do
+for name in nearest cycle dmd until cold; do
     m4gn campaign init case --out "$name" --sampling list --parameter "u0=$(list 1)" --parameter "linear=$(list 9.7560976)" \
         --parameter "quadratic=$(list -23.795360)"
     # The drag is told, and not waited for
     sed -i 's/^held_out = .*/held_out = 0/; s/^min_time = .*/min_time = 1/; /^relative = 0.01/d; s/^# scale = .*/scale = "u0"/' \
         "$name/campaign.toml"
 done
-sed -i 's/^start = .*/start = "cold"/; s/^stop = .*/stop = false/' cold/campaign.toml
+sed -i 's/^start = .*/start = "cold"/' until/campaign.toml cold/campaign.toml
+sed -i 's/^stop = .*/stop = false/' cold/campaign.toml
 sed -i 's/^start = .*/start = "nearest"/' nearest/campaign.toml dmd/campaign.toml
 sed -i 's/^# surrogate = .*/surrogate = "dmd"/; s/^# surrogate_entries = .*/surrogate_entries = "dmd { snapshotInterval 0.05; }"/' dmd/campaign.toml
-for name in nearest cycle dmd cold; do
+for name in nearest cycle dmd until cold; do
     m4gn campaign run --store "$name"
     m4gn campaign report --store "$name"
 done
