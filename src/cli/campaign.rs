@@ -94,7 +94,7 @@ struct One {
     store: Store,
 }
 
-/// Make all runs that are missing, spread over the parameters first
+/// Make all runs that are missing, spread over the parameters first, then where the finished ones foretell worst
 ///
 /// Stopped at any moment, it goes on with the same command. Several may work on one campaign. A run that fails is told, and the others go on;
 /// exit status 1 then.

@@ -5,7 +5,7 @@ mod fuzzing;
 
 use fuzzing::{Random, fuzz};
 use m4gn_train::config::Config;
-use m4gn_workbench::campaign::{dakota, record, sampling, settings, table};
+use m4gn_workbench::campaign::{dakota, order, record, sampling, settings, table};
 use m4gn_workbench::generate::family::Family;
 use m4gn_workbench::generate::parameter::{Settings, parse_setting};
 use m4gn_workbench::study::Plan;
@@ -145,7 +145,7 @@ fn campaign() {
         if let Ok(table) = table::Table::read(dir.path()) {
             let places = table.places();
             assert!(places.iter().flatten().all(|v| (0.0..=1.0).contains(v)), "{places:?}");
-            let mut order = sampling::spread(&places);
+            let mut order = order::spread(&places);
             order.sort_unstable();
             assert!(order.iter().copied().eq(0..table.rows.len()));
             assert!(

@@ -15,6 +15,7 @@ pub mod cycle;
 pub mod dakota;
 mod init;
 mod one;
+pub mod order;
 pub mod record;
 mod report;
 mod run;
@@ -125,10 +126,10 @@ impl Campaign {
         Ok(Unit { row, check })
     }
 
-    /// All runs in the order in which they are made.
+    /// All runs: in the order in which they are made while none is finished.
     pub fn units(&self) -> Vec<Unit> {
         let checks = sampling::held_out(self.table.rows.len(), self.settings.held_out);
-        let rows = sampling::spread(&self.places).into_iter().map(|row| Unit { row, check: false });
+        let rows = order::spread(&self.places).into_iter().map(|row| Unit { row, check: false });
         rows.chain(checks.into_iter().map(|row| Unit { row, check: true })).collect()
     }
 

@@ -1,6 +1,6 @@
 //! What came of a campaign: a table of all figures, and a page.
 
-use super::record::{Figure, Record, State};
+use super::record::{DONE, Figure, Record, State};
 use super::table::{csv_text, number as as_number};
 use super::{Campaign, Unit};
 use m4gn_base::{Result, files};
@@ -191,8 +191,11 @@ fn page(
     }
     page.heading("Cost");
     let costs = |check: bool| -> Vec<f64> {
-        let units = campaign.units().into_iter().filter(|u| u.check == check);
-        units.filter_map(|u| runs.iter().find(|r| r.unit == u)).map(|r| r.record.cost.total()).collect()
+        let mut some: Vec<&Run> = runs.iter().filter(|r| r.unit.check == check).collect();
+        let ended =
+            |r: &&Run| campaign.folder_of(r.unit).join(DONE).metadata().and_then(|m| m.modified()).ok();
+        some.sort_by_key(ended);
+        some.iter().map(|r| r.record.cost.total()).collect()
     };
     if let Some(of) = balance(&costs(false), &costs(true)) {
         let (cold, checks) = (number(of.cold, 3), of.checks);
@@ -263,7 +266,7 @@ struct Balance {
     breakeven: Option<usize>,
 }
 
-/// Of what runs took, in the order in which they are made, and their checks; none without a check.
+/// Of what runs took, in the order in which they ended, and their checks; none without a check.
 fn balance(own: &[f64], checks: &[f64]) -> Option<Balance> {
     let all: f64 = checks.iter().sum();
     let cold = all / checks.len() as f64;

@@ -1,13 +1,16 @@
 //! All runs that are missing, each in a process of its own, and what there is of a campaign.
 
+use super::order::{self, Known};
 use super::record::{FAILED, Record, State};
-use super::settings::FILE;
+use super::settings::{FILE, Quantity};
 use super::{Campaign, Unit, one, table};
 use crate::generate::process::Surroundings;
 use crate::generate::queue::in_parallel;
 use m4gn_base::{Error, Result, lock, refuse};
 use m4gn_report::{Table, number};
+use std::collections::BTreeSet;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// What `m4gn campaign run` is asked for.
@@ -31,7 +34,7 @@ enum Ended {
     Held,
 }
 
-/// Makes the runs that are missing, spread over the parameters first. Returns how many are not there in the end, and how many were asked for.
+/// Makes the runs that are missing, spread over the parameters first, then where the finished ones foretell worst. Returns how many are not there in the end, and how many were asked for.
 ///
 /// Each is a process `m4gn campaign one`; runs that another program makes are waited for at the end. `say` is told of each as it ends.
 ///
@@ -40,18 +43,18 @@ enum Ended {
 /// fail are told, and the others go on.
 pub fn run(
     campaign: &Campaign,
-    order: Order,
+    asked: Order,
     tools: &Surroundings,
     say: &mut dyn FnMut(&str),
 ) -> Result<(usize, usize)> {
     campaign.settings.check_quantities(&campaign.folder)?;
-    let all = shard(campaign.units(), order.shard)?;
+    let all = shard(campaign.units(), asked.shard)?;
     let (mut missing, mut stale, mut failed) = (Vec::new(), Vec::new(), 0);
     for &unit in &all {
         match campaign.state(unit)? {
             State::Done(_) => {}
-            State::Stale(what) if !order.anew => stale.push((unit, what)),
-            State::Failed(why) if !order.retry => {
+            State::Stale(what) if !asked.anew => stale.push((unit, what)),
+            State::Failed(why) if !asked.retry => {
                 failed += 1;
                 let file = campaign.folder_of(unit).join(FAILED);
                 say(&format!(
@@ -85,18 +88,22 @@ pub fn run(
         missing.len()
     ));
     let (mut ended_runs, since) = (0, Instant::now());
-    let jobs = order.jobs.unwrap_or(campaign.settings.jobs);
+    let jobs = asked.jobs.unwrap_or(campaign.settings.jobs);
     let mut held = Vec::new();
     for waits in [false, true] {
         let units = if waits { std::mem::take(&mut held) } else { missing.clone() };
-        let work = |i: usize| match made(campaign, units[i], order.anew, waits, tools) {
-            Err(Error::Interrupted(_)) => None,
-            Err(e) => Some(Ended::Failed(e.to_string())),
-            Ok(ended) => Some(ended),
+        let (count, pool) = (units.len(), Mutex::new(Pool { left: units, begun: BTreeSet::new() }));
+        let work = |_| {
+            let unit = next(campaign, &mut pool.lock().unwrap_or_else(PoisonError::into_inner))?;
+            match made(campaign, unit, asked.anew, waits, tools) {
+                Err(Error::Interrupted(_)) => None,
+                Err(e) => Some((unit, Ended::Failed(e.to_string()))),
+                Ok(ended) => Some((unit, ended)),
+            }
         };
-        in_parallel((jobs, units.len()), tools, work, |i, ended| {
+        in_parallel((jobs, count), tools, work, |_, (unit, ended)| {
             let text = match ended {
-                Ended::Held => return held.push(units[i]),
+                Ended::Held => return held.push(unit),
                 Ended::Done(record) => line(&record),
                 Ended::Failed(why) => {
                     failed += 1;
@@ -107,7 +114,7 @@ pub fn run(
             let (done, count) = (ended_runs, missing.len());
             let left = since.elapsed().as_secs_f64() / done as f64 * (count - done) as f64;
             let left = if count > done { format!("; {} left", duration(left)) } else { String::new() };
-            say(&format!("{done}/{count} {}{text}{left}", called(campaign, units[i])));
+            say(&format!("{done}/{count} {}{text}{left}", called(campaign, unit)));
         });
         if tools.stopped() {
             return Err(Error::Interrupted(
@@ -116,6 +123,35 @@ pub fn run(
         }
     }
     Ok((failed, all.len()))
+}
+
+/// Runs that are to be made, and rows that were begun.
+struct Pool {
+    left: Vec<Unit>,
+    begun: BTreeSet<usize>,
+}
+
+/// Takes the run that is made next: the one that the finished ones foretell worst, else the first that is left.
+fn next(campaign: &Campaign, pool: &mut Pool) -> Option<Unit> {
+    let left: Vec<usize> = pool.left.iter().filter(|u| !u.check).map(|u| u.row).collect();
+    let known: Vec<Known> = (0..campaign.table.rows.len()).filter_map(|row| known(campaign, row)).collect();
+    let worst = order::worst(&campaign.places, &left, &pool.begun, &known);
+    let at = worst.and_then(|row| pool.left.iter().position(|u| !u.check && u.row == row)).unwrap_or(0);
+    let unit = (at < pool.left.len()).then(|| pool.left.remove(at))?;
+    if !unit.check {
+        pool.begun.insert(unit.row);
+    }
+    Some(unit)
+}
+
+/// What a finished run says of each quantity with a tolerance.
+fn known(campaign: &Campaign, row: usize) -> Option<Known> {
+    let Ok(State::Done(record)) = campaign.state(Unit { row, check: false }) else { return None };
+    let figure = |q: &Quantity| {
+        let value = record.quantities.get(&q.name)?.value;
+        Some((value, q.tolerance.or(q.relative.map(|r| r * value.abs()))?))
+    };
+    Some(Known { row, figures: campaign.settings.quantity.iter().filter_map(figure).collect() })
 }
 
 /// Part i of n in the order of the runs.

@@ -1,6 +1,5 @@
-//! Which values the parameters of a campaign's runs have, and in which order runs are made.
+//! Which values the parameters of a campaign's runs have.
 
-use super::start::{length, offset};
 use super::table::{Row, Table, check_names};
 use m4gn_base::{Error, Result, refuse};
 use rand::seq::SliceRandom;
@@ -168,25 +167,6 @@ fn short(value: f64) -> String {
     format!("{value:.5e}").parse::<f64>().unwrap_or(value).to_string()
 }
 
-/// The order in which runs are made: the one in the middle, then always the one that is farthest from all before, so that whenever a
-/// campaign is stopped its runs are spread, and each has a sister near. `places` as [`Table::places`].
-pub fn spread(places: &[Vec<f64>]) -> Vec<usize> {
-    let distance = |i: usize, to: &[f64]| length(&offset(&places[i], to));
-    let centre = vec![0.5; places.first().map_or(0, Vec::len)];
-    let mut nearest = vec![f64::INFINITY; places.len()];
-    let mut left: Vec<usize> = (0..places.len()).collect();
-    let mut order = Vec::new();
-    while !left.is_empty() {
-        let far = |&i: &usize| if order.is_empty() { -distance(i, &centre) } else { nearest[i] };
-        // Of equals the first
-        let next = left.iter().rev().max_by(|a, b| far(a).total_cmp(&far(b))).copied().unwrap_or(left[0]);
-        left.retain(|&i| i != next);
-        left.iter().for_each(|&i| nearest[i] = nearest[i].min(distance(i, &places[next])));
-        order.push(next);
-    }
-    order
-}
-
 /// The rows that are also made cold and plain: a share of all, evenly in the order of the table; one at least of a share above 0.
 pub fn held_out(rows: usize, share: f64) -> Vec<usize> {
     let count = if share > 0.0 { ((share * rows as f64).round() as usize).clamp(1, rows) } else { 0 };
@@ -241,14 +221,6 @@ mod tests {
             }
             assert_eq!(points.iter().filter(|p| p[2] == "u").count(), 4, "{method:?}: {points:?}");
         }
-    }
-
-    #[test]
-    fn runs_are_spread_from_the_middle_outwards() {
-        let line: Vec<Vec<f64>> = (0..5).map(|i| vec![f64::from(i) / 4.0]).collect();
-        assert_eq!(spread(&line), [2, 0, 4, 1, 3]);
-        assert_eq!(spread(&[vec![], vec![]]), [0, 1]);
-        assert!(spread(&[]).is_empty());
     }
 
     #[test]
