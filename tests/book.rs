@@ -168,7 +168,7 @@ fn commands_of_the_book_exist() {
             };
             let listed = helps.entry(path.join(" ")).or_insert_with(|| options(&help(&path)));
             for option in words.iter().filter(|w| w.starts_with("--")) {
-                let option = option.split(['=', ',', ')', ']']).next().unwrap();
+                let option = option.split(['=', ',', ')', ']', '\'']).next().unwrap();
                 seen += 1;
                 if !listed.contains(option) {
                     stale.push(format!("{}: m4gn {command} {option}", page.display()));

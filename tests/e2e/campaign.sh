@@ -99,6 +99,7 @@ rm -rf study
 sed -i '2i #include "simulationParameters"' cavity/system/blockMeshDict
 runs m4gn campaign init cavity --out study --parameter Ulid=0.5,1,1.5,2 --parameter n=20
 expect_silence 'does not include'
+grep -qxF '# result = "volAverage(mag(U))"' study/campaign.toml || fail "not the result of the case's function object: $(cat study/campaign.toml)"
 expect_log 'check: .*surrogate = "dmd" fits, with dmd { snapshotInterval '
 entries=$(sed -n 's/.*fits, with //p' log.run)
 grep -qxF "# surrogate_entries = \"$entries\"" study/campaign.toml || fail "not the entries of the check: $(cat study/campaign.toml)"

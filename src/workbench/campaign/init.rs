@@ -97,7 +97,7 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
             settings::FILE
         ));
     }
-    let (quantities, known) = quantities(&source.functions);
+    let (quantities, known) = quantities(&source.functions, &|object| result(object, scratch.path(), tools));
     if !known {
         notes.push(format!(
             "no quantity is known of this case: write at least one [[quantity]] into {}",
@@ -217,8 +217,19 @@ fn decomposed(source: &Source, wanted: Option<usize>, scratch: &Path, tools: &Su
     }
 }
 
-/// Function objects that publish figures, as text of `campaign.toml`, and whether any is known well enough to be asked for.
-fn quantities(functions: &[(String, String)]) -> (String, bool) {
+/// The name of the first result of a `volFieldValue` of the whole mesh in a copy of `system`.
+fn result(object: &str, scratch: &Path, tools: &Surroundings) -> Option<String> {
+    let control = scratch.join("system/controlDict");
+    let of =
+        |name: &str| entry(scratch, &control, &format!("functions/{object}/{name}"), tools).ok().flatten();
+    let (operation, fields) = (of("operation")?, of("fields")?);
+    let first = fields.split_once('(')?.1.rsplit_once(')')?.0.split_whitespace().next()?.to_string();
+    (of("regionType")? == "all").then(|| format!("{operation}({first})"))
+}
+
+/// Function objects that publish figures, as text of `campaign.toml`, and whether any is known well enough to be asked for. `result`: of a
+/// `volFieldValue`.
+fn quantities(functions: &[(String, String)], result: &dyn Fn(&str) -> Option<String>) -> (String, bool) {
     let one = |name: &str, object: &str, result: &str, rms: bool, mark: &str| {
         let rms = if rms { format!("{mark}statistic = \"rms\"\n") } else { String::new() };
         format!(
@@ -236,7 +247,8 @@ fn quantities(functions: &[(String, String)]) -> (String, bool) {
             }
             "forceCoeffs" => text += &one(&format!("Cd_{object}"), object, "Cd", false, "# "),
             "surfaceFieldValue" | "volFieldValue" => {
-                text += &one(object, object, "OPERATION(FIELD)", false, "# ")
+                let found = result(object).filter(|_| kind == "volFieldValue");
+                text += &one(object, object, found.as_deref().unwrap_or("OPERATION(FIELD)"), false, "# ")
             }
             _ => {}
         }
@@ -313,7 +325,7 @@ mod tests {
         };
         let of = |functions: &[(&str, &str)]| {
             let functions: Vec<_> = functions.iter().map(|(a, b)| (a.to_string(), b.to_string())).collect();
-            let (quantities, known) = quantities(&functions);
+            let (quantities, known) = quantities(&functions, &|_| Some("volAverage(T)".into()));
             let prepare = [vec!["blockMesh".to_string(), "-dict".to_string()]];
             let text = text(&source, &prepare, 2, &["Uin=1:2".parse().unwrap()], &quantities).unwrap();
             let read: settings::Settings = toml::from_str(&text).unwrap();
@@ -323,7 +335,10 @@ mod tests {
         let (n, known, _) = of(&[("forces", "forceCoeffs"), ("probes", "probes")]);
         assert_eq!((n, known), (2, true));
         let (n, known, text) = of(&[("mean", "volFieldValue")]);
-        assert!(n == 0 && !known && text.contains("# function_object = \"mean\""), "{text}");
+        assert!(
+            n == 0 && !known && text.contains("# function_object = \"mean\"\n# result = \"volAverage(T)\""),
+            "{text}"
+        );
         assert!(of(&[]).2.contains("# [[quantity]]"));
     }
 }

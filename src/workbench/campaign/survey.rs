@@ -23,8 +23,8 @@ pub struct Commands {
     pub unknown: Vec<String>,
 }
 
-/// The commands that come before the solver: of `Allrun.pre`, else of the lines of `Allrun` in the form of OpenFOAM's tutorials, else `blockMesh`
-/// where the case has its dictionary and no mesh, or one that depends on a parameter.
+/// The commands that come before the solver: of `Allrun.pre`, else of the lines of `Allrun` in the form of OpenFOAM's tutorials and those that copy
+/// files, else `blockMesh` where the case has its dictionary and no mesh, or one that depends on a parameter.
 pub fn commands(source: &Source, parameters: &[Parameter]) -> Commands {
     let at = |name: &str| source.folder.join(name);
     if at("Allrun.pre").is_file() {
@@ -54,6 +54,11 @@ fn of_script(script: &str, application: &str) -> Commands {
         let mut words: Vec<&str> =
             line.split_whitespace().take_while(|w| !w.starts_with(['#', '>'])).collect();
         let Some(&first) = words.first() else { continue };
+        let copies = ["cp", "\\cp"].contains(&first) && words.len() > 2;
+        if copies && !line.contains(['$', '*', ';', '|', '&', '(', '"', '\'', '>', '{']) {
+            found.prepare.push(["cp"].iter().chain(&words[1..]).map(|w| w.to_string()).collect());
+            continue;
+        }
         if !["runApplication", "runParallel"].contains(&first) {
             if !OF_SCRIPTS.iter().any(|begin| line.starts_with(begin)) {
                 found.unknown.push(line.to_string());
@@ -173,13 +178,16 @@ mod tests {
 
     #[test]
     fn a_tutorial_s_script_is_understood_up_to_its_solver() {
-        let script = "#!/bin/sh\ncd ${0%/*} || exit 1\n. $WM_PROJECT_DIR/bin/tools/RunFunctions\n\nrestore0Dir\nrunApplication blockMesh\ncp a b\n\
+        let script = "#!/bin/sh\ncd ${0%/*} || exit 1\n. $WM_PROJECT_DIR/bin/tools/RunFunctions\n\nrestore0Dir\nrunApplication blockMesh\n\\cp a b\nmv a b\n\
                       runApplication -s 1 topoSet -dict system/a # cells\nrunApplication decomposePar\nrunParallel $(getApplication)\nrunApplication \
                       reconstructPar\n";
         let found = of_script(script, "icoFoam");
-        let expected: Vec<Vec<String>> =
-            vec![vec!["blockMesh".into()], vec!["topoSet".into(), "-dict".into(), "system/a".into()]];
-        assert_eq!(found, Commands { prepare: expected, parallel: true, unknown: vec!["cp a b".into()] });
+        let expected: Vec<Vec<String>> = vec![
+            vec!["blockMesh".into()],
+            ["cp", "a", "b"].map(String::from).into(),
+            vec!["topoSet".into(), "-dict".into(), "system/a".into()],
+        ];
+        assert_eq!(found, Commands { prepare: expected, parallel: true, unknown: vec!["mv a b".into()] });
         assert!(!of_script("runApplication icoFoam\nrunApplication foamToVTK\n", "icoFoam").parallel);
         let (_dir, own) = source(&[("Allrun.pre", ""), ("Allrun", "runApplication blockMesh")]);
         assert_eq!(commands(&own, &[]).prepare, [["./Allrun.pre"]]);
