@@ -1,6 +1,6 @@
 //! Estimates while a run goes on: when to look, and when a figure is known.
 
-use crate::estimate::{Estimate, estimate};
+use crate::estimate::{Estimate, MIN_SAMPLES, estimate};
 use crate::series::{Row, Series};
 
 /// How well a figure is to be known.
@@ -24,6 +24,10 @@ impl Tolerance {
     }
 }
 
+/// Over the tolerance: half-width, and change over the record, below which what is left of a transient does not count, with the fewest independent
+/// samples that this asks for. The second is for a flow at rest, whose series is a solver's noise.
+const CLEARLY: [(f64, f64); 2] = [(0.25, MIN_SAMPLES), (1e-3, 16.0)];
+
 /// What of a series is to be known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Goal {
@@ -34,11 +38,17 @@ pub struct Goal {
 }
 
 impl Goal {
-    /// Whether an estimate has all that is asked for, without drift.
+    /// Whether an estimate has all that is asked for: without drift and a transient that may go on, or clearly within the tolerance.
     pub fn met(&self, e: &Estimate) -> bool {
-        let mean = self.mean.is_none_or(|t| e.mean_steady && t.met(e.mean, e.half_width, e.mean_change));
-        let rms = self.rms.is_none_or(|t| e.rms_steady && t.met(e.rms, e.rms_half_width, e.rms_change));
-        mean && rms
+        let known = |t: Tolerance, steady, figure, half_width, change: f64| {
+            let clearly = |(share, samples)| {
+                e.independent_samples >= samples && t.met(figure, half_width / share, change / share)
+            };
+            CLEARLY.into_iter().any(clearly) || (steady && t.met(figure, half_width, change))
+        };
+        let mean = |t| known(t, e.mean_steady, e.mean, e.half_width, e.mean_change);
+        let rms = |t| known(t, e.rms_steady, e.rms, e.rms_half_width, e.rms_change);
+        self.mean.is_none_or(mean) && self.rms.is_none_or(rms)
     }
 }
 
@@ -96,5 +106,31 @@ impl Watch {
             self.series.push(*row);
         }
         (self.next, self.met, self.settled) = (next.min(2 * rows.len() + 16), met, false);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::constant;
+
+    #[test]
+    fn what_is_left_of_a_transient_does_not_count_where_the_figure_is_clearly_within_its_tolerance() {
+        let series = Series::of(&[1.0, 2.0], &[3.0, 3.0]);
+        let found = |half_width: f64, independent_samples: f64| Estimate {
+            half_width,
+            independent_samples,
+            mean_steady: false,
+            ..constant(&series, (0.0, 2.0), 3.0)
+        };
+        let goal = Goal { mean: Some(Tolerance::Relative(0.01)), rms: None };
+        assert!(goal.met(&found(0.007, 60.0)));
+        assert!(!goal.met(&found(0.008, 60.0)), "more than a quarter of 0.03");
+        assert!(!goal.met(&found(0.007, 59.0)), "few samples");
+        assert!(goal.met(&found(2e-5, 16.0)) && !goal.met(&found(2e-5, 15.0)), "at rest");
+        let steady = Estimate { mean_steady: true, ..found(0.029, 1.0) };
+        assert!(goal.met(&steady));
+        let drifting = Estimate { mean_change: 0.016, ..found(0.001, 60.0) };
+        assert!(!goal.met(&drifting));
     }
 }
