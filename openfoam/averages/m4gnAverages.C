@@ -202,7 +202,8 @@ bool Foam::functionObjects::m4gnAverages::check()
         const char* const keys[] = {"mean",           "half_width",          "rms",
                                     "rms_half_width", "frequency",           "frequency_resolution",
                                     "transient_end",  "independent_samples", "surrogate_share"};
-        json += ",\n  " + m4gn::quoted(q.name) + ": {\n    \"settled\": " + (f.settled ? "true" : "false")
+        json += ",\n  " + m4gn::quoted(q.name) + ": {\n    \"statistic\": "
+                + (q.ofRms ? "\"rms\"" : "\"mean\"") + ",\n    \"settled\": " + (f.settled ? "true" : "false")
                 + ",\n    \"rows\": " + std::to_string(f.rows);
         for (unsigned k = 0; k < sizeof(keys) / sizeof(*keys); ++k) {
             const bool none = !found || ((k == 4 || k == 5) && f.frequency == 0);
@@ -308,7 +309,7 @@ bool Foam::functionObjects::m4gnAverages::execute()
     }
     last_ = now;
 
-    bool known = false;
+    bool known = known_;
     if (Pstream::master() && m4gn_averages_due(averages_.get())
         && time_.timeIndex() >= lastCheck_ + checkInterval_)
     {
@@ -317,9 +318,9 @@ bool Foam::functionObjects::m4gnAverages::execute()
     }
     m4gn::broadcast(known);
     if (known && !known_) {
-        known_ = true;
         Info << "m4gn: all figures of " << name() << " are known at time " << time_.timeName() << nl << endl;
     }
+    known_ = known;
     if (known_ && stop_ && now >= minTime_) {
         time_.stopAt(Time::stopAtControls::saWriteNow);
     }
@@ -345,7 +346,9 @@ bool Foam::functionObjects::m4gnAverages::write()
 
 bool Foam::functionObjects::m4gnAverages::end()
 {
-    if (started_ && Pstream::master() && lastCheck_ != time_.timeIndex()) {
+    // The figures of a run that ends as they are known are those of that check
+    const bool ended = known_ && stop_ && time_.value() >= minTime_;
+    if (started_ && !ended && Pstream::master() && lastCheck_ != time_.timeIndex()) {
         check();
         lastCheck_ = time_.timeIndex();
     }
