@@ -35,7 +35,8 @@ pub fn parse<T: DeserializeOwned>(what: &str, text: &str, free: &[&str]) -> Resu
     rename(&mut whole, free, &mut given).map_err(bad)?;
     T::deserialize(&whole).map_err(|e| {
         let (path, mut problem) = culprit::<T>(&whole, &e);
-        if problem.starts_with("unknown entry") && !given.is_empty() {
+        // As a dictionary spells names, unless only ours are there
+        if problem.starts_with("unknown entry") && (!given.is_empty() || !text.contains('_')) {
             problem = their_spelling(&problem);
         }
         let spelt: Vec<&str> =
@@ -246,6 +247,11 @@ mod tests {
                 "case: segments.cuont: unknown entry, expected one of method, count,",
             ),
             (r#"{"segments": {"cuont": 3}}"#, "; is count meant?"),
+            (
+                r#"{"note": 3}"#,
+                "case: note: unknown entry, expected one of nThreads, segments, notes; is notes meant?",
+            ),
+            (r#"{"n_thread": 3}"#, "expected one of n_threads, segments, notes"),
             (
                 r#"{"segments": {"connected": "maybe"}}"#,
                 r#"case: segments.connected: expected yes or no (in JSON true or false), found string "maybe""#,
