@@ -63,6 +63,9 @@ pub struct Args {
     /// Longest time for one program of one case, s
     #[arg(long, value_name = "SECONDS", default_value_t = 3600)]
     timeout: u64,
+    /// End each run but the full one where it knows the family's figures, and compare these in place of the fields: the time to the answer
+    #[arg(long)]
+    answers: bool,
     /// Keep the folders of the runs
     #[arg(long)]
     keep_cases: bool,
@@ -120,9 +123,16 @@ fn figures_text(record: &RunRecord) -> String {
     let cost = &record.cost;
     let mut text =
         format!("  {} s of processor time, {} s in all", number(cost.processor, 3), number(cost.wall, 3));
-    if let Some(score) = &record.score {
-        let end = score.end.map_or("-".into(), |e| number(e, 3));
-        text += &format!(", error at the end {end} of holding");
+    match &record.score {
+        Some(score) if score.answer.is_some() => {
+            let ended = number(score.ended.unwrap_or_default(), 3);
+            text += &format!(", ended at {ended} s, figures within {}", percent(score.answer));
+        }
+        Some(score) => {
+            let end = score.end.map_or("-".into(), |e| number(e, 3));
+            text += &format!(", error at the end {end} of holding");
+        }
+        None => {}
     }
     if let Some(replaced) = record.score.as_ref().and_then(|s| s.replaced) {
         text += &format!(", {} replaced", percent(Some(replaced)));
@@ -139,13 +149,25 @@ fn plan(args: &Args) -> Result<Plan> {
         ))
     })?;
     schedule.start_up = args.takeover.unwrap_or(schedule.start_up);
-    schedule.end = args.end.unwrap_or(schedule.end);
+    let asked = match (args.answers, &schedule.answers) {
+        (true, None) => {
+            return Err(Error::Input(format!(
+                "--answers: family {} names no figures: its family.toml needs a table [hybrid.answers] (docs/reference/families.md)",
+                family.name
+            )));
+        }
+        (asked, answers) => answers.as_ref().filter(|_| asked),
+    };
+    schedule.end = args.end.unwrap_or(asked.map_or(schedule.end, |a| a.end));
     schedule.check()?;
     let model = args.model.as_deref().map(plain_path).transpose()?;
     if let Some(model) = model.as_ref().filter(|m| !m.is_file()) {
         return Err(Error::file(model, "there is no such file: expected a model (*.safetensors)"));
     }
-    let variants = variants(&family, &schedule, model.is_some(), &args.variant, &args.baseline)?;
+    let mut variants = variants(&family, &schedule, model.is_some(), &args.variant, &args.baseline)?;
+    if args.answers {
+        variants.insert(0, Variant { name: "plain".into(), kind: Kind::Plain(Settings::default()) });
+    }
     if !variants.iter().any(|v| matches!(v.kind, Kind::Hybrid { .. })) {
         return Err(Error::Input(format!(
             "family {}: expected --model: it is not of flows, and no other surrogate is run of it",
@@ -164,6 +186,7 @@ fn plan(args: &Args) -> Result<Plan> {
         stretches: args.record_solver.as_deref().map(plain_path).transpose()?,
         jobs: args.jobs as usize,
         keep_cases: args.keep_cases,
+        answers: args.answers,
         tools: Surroundings {
             stop: stop_flag()?,
             timeout: Duration::from_secs(args.timeout),

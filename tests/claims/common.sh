@@ -5,6 +5,9 @@
 # hybrid OPTIONS...: 'm4gn hybrid' of one draw, without cheaper plain solvers
 hybrid() { runs m4gn hybrid --count 1 --baseline none --out hybrid --json hybrid.json "$@"; }
 
+# figure VARIANT FIGURE: median of a figure of the variant's runs
+figure() { python3 -c 'import json, sys; print(json.load(open("hybrid.json"))["summary"][0]["runs"][sys.argv[1]][sys.argv[2]]["median"])' "$@"; }
+
 # claim VARIANT FIGURE BOUND REPLACED: the figure of the variant's run, at most BOUND, while at least this share of its time was replaced
 claim() {
     local figure replaced

@@ -5,3 +5,9 @@ hybrid --seed 4321 --model "$M4GN_HOME/models/cylinder-flow.safetensors" --end 6
 claim dmd end 0.011 0.4
 claim dmd-loose end 0.08 0.4
 claim hybrid end 0.3 0.8
+
+# The answer: the plain solver that ends when it knows
+runs m4gn hybrid --answers --count 1 --seed 21 --set u0=1.5 --set radius=0.05 --end 8 --baseline none --out answers --json hybrid.json
+below "$(figure plain ended)" 6 "the plain solver's end, s"
+below "$(figure plain answer)" 1 "error of its figures, %"
+below "$(figure plain outside)" 1 "figures outside of their interval, %"

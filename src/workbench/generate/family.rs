@@ -180,6 +180,22 @@ pub struct Hybrid {
     /// Cheaper plain solvers, to compare at equal cost.
     #[serde(default)]
     pub plain: Vec<Plain>,
+    /// Figures that users of such runs ask for.
+    pub answers: Option<Answers>,
+}
+
+/// Figures of a run, and how well they are to be known.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Answers {
+    /// Function objects that publish them; `@name@` is a quantity of the family.
+    pub functions: String,
+    /// `quantities` of m4gnAverages.
+    pub quantities: String,
+    /// `minTime` of m4gnAverages, s.
+    pub min_time: f64,
+    /// End of the runs that do not know before, and of the full one, s.
+    pub end: f64,
 }
 
 /// A plain solver with other settings.

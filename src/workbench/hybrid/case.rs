@@ -1,5 +1,6 @@
 //! The runs of one draw: files, solver, cost, comparison, and the result that stays.
 
+use super::answer;
 use super::record::{Cost, RunRecord, kept, remove};
 use super::score::Score;
 use super::variant::{FULL, Kind, NETWORK};
@@ -136,6 +137,9 @@ impl Job<'_> {
             }
             _ => String::new(),
         };
+        let answers = schedule.answers.as_ref().filter(|_| self.plan.answers);
+        let functions =
+            functions + &answers.map(|a| answer::entries(a, &draw, kind.is_some())).unwrap_or_default();
         let files = family.files(&draw, times)?;
         let mut digest = family.digest(&draw, &files, &functions)?;
         let s = schedule;
@@ -214,9 +218,13 @@ impl Job<'_> {
         // A flow that begins at rest does not say before where it goes.
         check_patch(takeover)?;
         let _one = self.one();
-        if let Some(kind) = run.kind {
-            let (score, comparison) = self.compare(folder, case, kind, takeover)?;
-            (record.score, record.comparison) = (Some(score), Some(comparison));
+        match run.kind {
+            Some(_) if plan.answers => record.score = Some(answer::score(&folder.join(FULL), case)?),
+            Some(kind) => {
+                let (score, comparison) = self.compare(folder, case, kind, takeover)?;
+                (record.score, record.comparison) = (Some(score), Some(comparison));
+            }
+            None => {}
         }
         Ok(record)
     }

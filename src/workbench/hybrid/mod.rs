@@ -4,6 +4,7 @@
 //! function object m4gnSurrogate with other entries) and cheaper plain solvers. Each is compared with the full run by
 //! [`crate::compare`]. [`run`] keeps what is finished, so that the same command goes on where it was stopped.
 
+mod answer;
 mod case;
 mod html;
 mod record;
@@ -54,6 +55,8 @@ pub struct Plan {
     pub jobs: usize,
     /// Whether case folders stay.
     pub keep_cases: bool,
+    /// Whether each run but the full one ends where it knows the family's figures, which are compared in place of the fields.
+    pub answers: bool,
     /// Conditions of the tools.
     pub tools: Surroundings,
 }

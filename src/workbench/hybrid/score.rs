@@ -45,7 +45,13 @@ pub struct Score {
     pub replaced: Option<f64>,
     /// Seconds that the surrogate worked for a second of what it replaced, without what the hand-overs took; none of a plain solver.
     pub pace: Option<f64>,
-    /// Number of cells.
+    /// Of runs that end where they know: the largest error of a figure, over the full run's.
+    pub answer: Option<f64>,
+    /// Share of the figures whose interval does not meet the full run's.
+    pub outside: Option<f64>,
+    /// When such a run ended, s.
+    pub ended: Option<f64>,
+    /// Number of cells; 0 where fields are not compared.
     pub cells: usize,
 }
 

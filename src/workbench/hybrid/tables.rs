@@ -18,9 +18,12 @@ fn score(run: &RunRecord) -> Option<&Score> {
     run.score.as_ref()
 }
 
-const FIGURES: [Figure; 16] = [
+const FIGURES: [Figure; 19] = [
     ("whole %", "whole", |d, r| percent(whole_time(d, r, |c| c.processor))),
     ("whole wall %", "whole_wall", |d, r| percent(whole_time(d, r, |c| c.wall))),
+    ("ended s", "ended", |_, r| score(r)?.ended),
+    ("answer %", "answer", |_, r| percent(score(r)?.answer)),
+    ("outside %", "outside", |_, r| percent(score(r)?.outside)),
     ("first stride", "first", |_, r| score(r)?.first),
     ("first jump", "jump", |_, r| score(r)?.jump),
     ("end", "end", |_, r| score(r)?.end),
@@ -118,7 +121,7 @@ pub fn case_table(results: &[DrawResult], variants: &[String], order: &str) -> T
                 _ => text(value(draw, run)),
             }));
             row.push(text(percent(score(run).and_then(|s| s.replaced))));
-            row.push(score(run).map_or("-".into(), |s| s.cells.to_string()));
+            row.push(score(run).filter(|s| s.cells > 0).map_or("-".into(), |s| s.cells.to_string()));
             row.extend(cost(run));
             table.row(row);
         }
