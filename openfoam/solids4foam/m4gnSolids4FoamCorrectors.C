@@ -143,7 +143,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
     volVectorField& u = solid.solutionD();
     const word scheme(solid.incremental() ? "laplacian(DDD,DD)" : "laplacian(DD,D)");
     const volVectorField before("before", u);
-    const volScalarField impK(mechanical().impK());
+    const volScalarField& impK = mesh_.lookupObject<volScalarField>("impK");
     const surfaceScalarField impKf(mechanical().impKf());
 
     dictionary controls(mesh_.solverDict(u.name()));
