@@ -2,12 +2,12 @@
 
 #include "m4gnAnderson.H"
 #include "addToRunTimeSelectionTable.H"
-#include "m4gnClock.H"
 #include "m4gnCaseChecks.H"
 #include "m4gnDictionary.H"
 #include "pointFields.H"
 #include "surfaceFields.H"
 #include "volFields.H"
+#include <ctime>
 
 namespace Foam
 {
@@ -20,8 +20,25 @@ addToRunTimeSelectionTable(functionObject, m4gnAnderson, dictionary);
 
 namespace
 {
-//- Most time steps that are left to the solver after one without a solution
-const Foam::label maxPause = 63;
+//- Most correctors of a time step
+const Foam::label maxCorrectors = 500;
+
+//- Of the time of steps that are left to the solver, what is spent on others that may not pay
+const Foam::scalar allowed = 0.02;
+
+//- Most that counts as saved, in time steps of the solver
+const Foam::scalar maxSaved = 20;
+
+//- Time steps that are solved before one is left to the solver to compare with, and at least as many are to come; later
+//  ones are this many times what the last one has shown to be gained
+const Foam::label firstCompared = 3;
+const Foam::scalar comparedEvery = 64;
+
+//- Processor time of all ranks so far (s)
+Foam::scalar processorTime()
+{
+    return Foam::returnReduce(Foam::scalar(std::clock()) / CLOCKS_PER_SEC, Foam::sumOp<Foam::scalar>());
+}
 
 //- The run's time is that of the next time step while this lives
 class nextStep : public Foam::TimeState
@@ -79,36 +96,96 @@ void Foam::functionObjects::m4gnAnderson::start()
 
     m4gn::checkSolver(*this);
 
-    law_ = m4gnSolidLaw::New(mesh_);
-    if (!law_ || !law_->steps()) {
-        const word model(m4gn::solidModel(mesh_));
+    m4gn::checkLast(*this, time_, "the next time step");
 
-        FatalErrorInFunction << "Function object " << name() << " of type " << type()
-                             << " needs a cell-centred solid of solids4foam (linearGeometry,"
-                             << " nonLinearGeometryTotalLagrangian, both also with"
-                             << " TotalDisplacement, nonLinearGeometryUpdatedLagrangian) of one"
-                             << " material without solvePressureEqn, and libm4gnSolids4Foam.so"
-                             << " (setup/solids4foam.sh); found "
-                             << (model.empty() ? word("no solid of solids4foam") : model) << nl
-                             << "    Remove " << name() << " from functions" << exit(FatalError);
+    string why("the solver is not solids4Foam");
+    if (!m4gn::solidModel(mesh_).empty()) {
+        law_ = m4gnSolidLaw::New(mesh_, &why);
+    }
+    if (law_) {
+        why = law_->cannotStep();
+    }
+    if (!why.empty()) {
+        law_.clear();
+        Info << "m4gn: " << name() << " leaves all time steps to the solver: " << why.c_str() << nl << endl;
+    }
+}
+
+Foam::label Foam::functionObjects::m4gnAnderson::affordable() const
+{
+    if (plain_ <= 0 || corrector_ <= 0) {
+        return maxCorrectors;
     }
 
-    m4gn::checkLast(*this, time_, "the next time step");
+    // No more than the step takes without it, and what was saved before
+    const scalar correctors = (plain_ + saved_) / corrector_;
+
+    return correctors < maxCorrectors ? max(label(correctors), label(2)) : maxCorrectors;
+}
+
+bool Foam::functionObjects::m4gnAnderson::pays()
+{
+    const scalar remaining = (time_.endTime().value() - time_.value()) / time_.deltaTValue();
+    if (saved_ >= 0 && (toCompare_ > 0 || remaining < 2 * firstCompared)) {
+        return true;
+    }
+
+    if (saved_ < 0 && !leaving_) {
+        Info << "m4gn: time steps are left to the solver, which is no slower: " << name()
+             << " tries again where " << 100 * allowed << " % of their time make up for it" << nl << endl;
+    }
+    leaving_ = saved_ < 0;
+
+    return false;
+}
+
+void Foam::functionObjects::m4gnAnderson::account()
+{
+    // Of another kind: behind a jump, or with a time to write where the others have none
+    const bool counts = time_.timeIndex() == index_ + 1 && time_.writeTime() == written_;
+    const scalar taken = processorTime() - began_;
+
+    if (!solved_) {
+        if (counts) {
+            plain_ = taken - attempt_;
+            toCompare_ =
+                label(max(scalar(firstCompared), comparedEvery * min(plain_ / max(helped_, VSMALL), 1e3)));
+        }
+        saved_ += attempt_ > 0 ? -attempt_ : allowed * plain_;
+
+        // What was lost is forgotten where the solver takes longer
+        if (plain_ > helped_) {
+            saved_ = max(saved_, scalar(0));
+        }
+        return;
+    }
+
+    --toCompare_;
+    if (counts) {
+        // What others do now and then in a time step is no part of it
+        helped_ = min(taken, last_);
+        last_ = taken;
+        if (plain_ > 0) {
+            saved_ = min(saved_ + max(plain_ - helped_, -plain_), maxSaved * plain_);
+        }
+    }
 }
 
 void Foam::functionObjects::m4gnAnderson::solveNext()
 {
     const scalar deltaT = time_.deltaTValue();
-    if (time_.value() > time_.endTime().value() - 0.5 * deltaT) {
+    if (!law_ || time_.value() > time_.endTime().value() - 0.5 * deltaT) {
         return;
     }
-    if (wait_ > 0) {
-        --wait_;
+    began_ = processorTime();
+    index_ = time_.timeIndex();
+    attempt_ = 0;
+    solved_ = false;
+    if (!pays()) {
         ++nLeft_;
         return;
     }
 
-    const m4gnClock timer;
     label nCorrectors = 0;
     {
         const nextStep next(const_cast<Time&>(time_));
@@ -123,29 +200,31 @@ void Foam::functionObjects::m4gnAnderson::solveNext()
         storeOldTimes<surfaceSymmTensorField>(mesh_);
         storeOldTimes<pointVectorField>(mesh_);
 
-        nCorrectors = law_->step();
+        nCorrectors = law_->step(affordable());
     }
-    seconds_ += timer.elapsed();
+    attempt_ = processorTime() - began_;
+    solved_ = nCorrectors >= 0;
 
-    if (nCorrectors < 0) {
-        // An attempt in vain costs as much as a hard time step
-        wait_ = pause_;
-        pause_ = min(2 * pause_ + 1, maxPause);
+    if (!solved_) {
+        helped_ = last_ = GREAT;
         ++nLeft_;
-        Info << "m4gn: no solution was found for the next time step, which is"
-             << " left to the solver, with " << wait_ << " after it" << nl << endl;
+        Info << "m4gn: no solution was found for the next time step, which is left to the solver" << nl
+             << endl;
     } else {
-        pause_ = 0;
         ++nSolved_;
         nCorrectors_ += nCorrectors;
+        spent_ += attempt_;
+        corrector_ = attempt_ / nCorrectors;
         Info << "m4gn: the next time step is solved in " << nCorrectors << " correctors" << nl << endl;
     }
 }
 
 Foam::functionObjects::m4gnAnderson::m4gnAnderson(
     const word& name, const Time& runTime, const dictionary& dict)
-    : fvMeshFunctionObject(name, runTime, dict), started_(false), due_(false), timeStart_(-VGREAT), wait_(0),
-      pause_(0), nSolved_(0), nCorrectors_(0), nLeft_(0), seconds_(0)
+    : fvMeshFunctionObject(name, runTime, dict), started_(false), due_(false), timeStart_(-VGREAT), began_(0),
+      index_(-1), attempt_(0), solved_(false), written_(false), plain_(0), helped_(GREAT), last_(GREAT),
+      saved_(0), corrector_(0), toCompare_(firstCompared), leaving_(false), nSolved_(0), nCorrectors_(0),
+      nLeft_(0), spent_(0)
 {
     read(dict);
 }
@@ -180,6 +259,12 @@ bool Foam::functionObjects::m4gnAnderson::execute()
 {
     start();
     due_ = true;
+    if (law_ && index_ >= 0) {
+        if (nSolved_ + nLeft_ == 1) {
+            written_ = time_.writeTime();
+        }
+        account();
+    }
 
     return true;
 }
@@ -188,8 +273,10 @@ bool Foam::functionObjects::m4gnAnderson::write() { return true; }
 
 bool Foam::functionObjects::m4gnAnderson::end()
 {
-    Info << "m4gn: " << nSolved_ << " time steps solved ahead in " << nCorrectors_ << " correctors and "
-         << seconds_ << " s, " << nLeft_ << " left to the solver" << nl << endl;
+    if (law_) {
+        Info << "m4gn: " << nSolved_ << " time steps solved ahead in " << nCorrectors_ << " correctors and "
+             << spent_ << " s, " << nLeft_ << " left to the solver" << nl << endl;
+    }
 
     return true;
 }

@@ -44,7 +44,7 @@ Foam::wordList Foam::m4gnSolidLaw::fields()
          "relJ", "rho", "epsilon_", "F_", "Ff_", "sigmaHyd", "grad(sigmaHyd)"});
 }
 
-Foam::autoPtr<Foam::m4gnSolidLaw> Foam::m4gnSolidLaw::New(const fvMesh& mesh)
+Foam::autoPtr<Foam::m4gnSolidLaw> Foam::m4gnSolidLaw::New(const fvMesh& mesh, string* told)
 {
     static bool notice = false;
 
@@ -70,9 +70,13 @@ Foam::autoPtr<Foam::m4gnSolidLaw> Foam::m4gnSolidLaw::New(const fvMesh& mesh)
         return law;
     }
 
-    if (!notice) {
-        Info << "m4gn: solids4foam's material law is not asked: "
-             << (why.empty() ? "another rank cannot" : why.c_str()) << nl
+    if (why.empty()) {
+        why = "another rank cannot";
+    }
+    if (told) {
+        *told = why;
+    } else if (!notice) {
+        Info << "m4gn: solids4foam's material law is not asked: " << why.c_str() << nl
              << "    Stresses at the surrogate's times stay those of the solver's"
              << " last step, and boundary values are extrapolated. To build what"
              << " asks it: setup/solids4foam.sh, or openfoam/solids4foam" << endl;

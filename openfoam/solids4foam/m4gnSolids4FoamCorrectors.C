@@ -12,8 +12,7 @@ namespace
 {
 using namespace Foam;
 
-//- Most correctors, and correctors that the mixing remembers
-const label maxCorrectors = 500;
+//- Correctors that the mixing remembers
 const label depth = 20;
 
 //- Most sweeps over the boundary in a corrector, and the change at which they
@@ -28,12 +27,19 @@ const scalar diverged = 1e6;
 //  the few per cent that are enough for a solver, the mixing learns noise.
 const scalar linearTolerance = 1e-3;
 
-//- The model hands its stabilisation out to its own classes only
+//- What the model hands out to its own classes only
 struct protectedParts : public solidModel
 {
-    static const momentumStabilisation& of(const solidModel& solid)
+    static const momentumStabilisation& stabilisationOf(const solidModel& solid)
     {
         return (solid.*(&protectedParts::stabilisation))();
+    }
+
+    //- The entry cellDisplacements
+    static void setCells(solidModel& solid, fvVectorMatrix& equation)
+    {
+        void (solidModel::*const member)(fvVectorMatrix&) = &protectedParts::setCellDisps;
+        (solid.*member)(equation);
     }
 };
 
@@ -136,7 +142,8 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnSolids4FoamLaw::force() const
 }
 
 Foam::label Foam::m4gnSolids4FoamLaw::correct(
-    const std::function<tmp<fvVectorMatrix>()>& inertiaAndWeight, const std::function<scalar()>& largest)
+    const std::function<tmp<fvVectorMatrix>()>& inertiaAndWeight, const std::function<scalar()>& largest,
+    const label most)
 {
     solidModel& solid = *solid_;
     const solidModel& model = solid;
@@ -163,7 +170,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
     bool valid = true;
     scalar first = 0;
 
-    while (valid && !converged && nCorrectors < maxCorrectors) {
+    while (valid && !converged && nCorrectors < most) {
         valid = take(now(), impK, sweepTolerance * largest());
         if (!valid) {
             break;
@@ -172,8 +179,9 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
         fvVectorMatrix equation(
             inertiaAndWeight()
             == fvm::laplacian(impKf, u, scheme) - fvc::laplacian(impKf, u, scheme) + force()
-                   + protectedParts::of(model).stabilisation(
+                   + protectedParts::stabilisationOf(model).stabilisation(
                        u, solid.incremental() ? solid.gradDD() : solid.gradD(), impK));
+        protectedParts::setCells(solid, equation);
         equation.solve(controls);
         ++nCorrectors;
 

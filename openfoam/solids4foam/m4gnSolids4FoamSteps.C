@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnSolids4FoamLaw.H"
+#include "fixedValueFvPatchFields.H"
 #include "fvc.H"
 #include "fvm.H"
+#include "m4gnDictionary.H"
 #include "solidModel.H"
+#include "zeroGradientFvPatchFields.H"
 
 bool Foam::m4gnSolids4FoamLaw::relaxes() const
 {
     if (!atPoints()) {
-        return steps();
+        return cannotCorrect().empty();
     }
 
     // The other algorithms do not take a step of any length
@@ -17,17 +20,64 @@ bool Foam::m4gnSolids4FoamLaw::relaxes() const
     return model.solidModelDict().get<word>("solutionAlgorithm") == "implicitCoupled";
 }
 
-bool Foam::m4gnSolids4FoamLaw::steps() const
+Foam::string Foam::m4gnSolids4FoamLaw::cannotCorrect() const
 {
     const word& model = solid_->type();
 
-    // A pressure that the law solves for is no unknown of the correctors, nor
-    // is the stress at the interface of two materials, which keeps its last
-    return !solvesPressure() && laws().size() == 1
-           && (model == "linearGeometryTotalDisplacement"
-               || model == "nonLinearGeometryTotalLagrangianTotalDisplacement" || model == "linearGeometry"
-               || model == "nonLinearGeometryTotalLagrangian"
-               || model == "nonLinearGeometryUpdatedLagrangian");
+    if (model != "linearGeometryTotalDisplacement"
+        && model != "nonLinearGeometryTotalLagrangianTotalDisplacement" && model != "linearGeometry"
+        && model != "nonLinearGeometryTotalLagrangian" && model != "nonLinearGeometryUpdatedLagrangian")
+    {
+        return "solidModel is " + model
+               + "; needed: linearGeometry or nonLinearGeometryTotalLagrangian, both also with"
+                 " TotalDisplacement, or nonLinearGeometryUpdatedLagrangian";
+    }
+    if (solvesPressure()) {
+        return "a law has solvePressureEqn, whose pressure is no unknown of the correctors; needed:"
+               " solvePressureEqn no";
+    }
+    if (laws().size() != 1) {
+        return Foam::name(laws().size())
+               + " materials, whose interface keeps the stress of the corrector before; needed: one";
+    }
+
+    return string();
+}
+
+Foam::string Foam::m4gnSolids4FoamLaw::cannotStep() const
+{
+    const string why(cannotCorrect());
+    if (!why.empty()) {
+        return why;
+    }
+
+    const solidModel& model = *solid_;
+    if (model.solidModelDict().getOrDefault<bool>("predictor", false)) {
+        return "entry predictor begins each time step elsewhere; needed: predictor no";
+    }
+    const polyMesh& mesh = mesh_;
+    if (mesh.type() != "staticFvMesh") {
+        return "dynamicFvMesh is " + mesh.type() + "; needed: staticFvMesh";
+    }
+
+    // Their gradients are among the unknowns
+    static const wordHashSet known(
+        {"solidTraction", "solidTractionFree", "solidForce", "analyticalPlateHoleTraction",
+         "rigidCylinderContact", "fixedDisplacementZeroShear", "normalDisplacementZeroShear",
+         "displacementOrTraction"});
+    for (const fvPatchVectorField& patch : solid_->solutionD().boundaryField()) {
+        // The values of these follow from the time and the cells
+        const bool follows = polyPatch::constraintType(patch.patch().type())
+                             || isA<fixedValueFvPatchVectorField>(patch)
+                             || isA<zeroGradientFvPatchVectorField>(patch);
+        if (!follows && !known.found(patch.type())) {
+            return "nobody knows what the condition " + patch.type() + " of the patch " + patch.patch().name()
+                   + " keeps from one corrector to the next; needed: a condition of fixed values, or one of "
+                   + m4gn::join(known.sortedToc());
+        }
+    }
+
+    return string();
 }
 
 bool Foam::m4gnSolids4FoamLaw::relax(const vectorField& free, const scalar duration, const scalar tolerance)
@@ -61,7 +111,7 @@ bool Foam::m4gnSolids4FoamLaw::relax(const vectorField& free, const scalar durat
     });
 }
 
-Foam::label Foam::m4gnSolids4FoamLaw::step()
+Foam::label Foam::m4gnSolids4FoamLaw::step(const label most)
 {
     solidModel& solid = *solid_;
     const solidModel& model = solid;
@@ -87,9 +137,17 @@ Foam::label Foam::m4gnSolids4FoamLaw::step()
         }
     }
 
+    // The only model that has it
+    const bool damped =
+        solid.type() == "linearGeometryTotalDisplacement" && model.dampingCoeff().value() > SMALL;
+
     const auto inertiaAndWeight = [&]() -> tmp<fvVectorMatrix> {
         if (!solid.incremental()) {
-            return rho * fvm::d2dt2(u) - rho * model.g();
+            tmp<fvVectorMatrix> equation(rho * fvm::d2dt2(u) - rho * model.g());
+            if (damped) {
+                equation.ref() += model.dampingCoeff() * rho * fvm::ddt(u);
+            }
+            return equation;
         }
         if (solid.movingMesh()) {
             return fvm::d2dt2(moved(), u) + fvc::d2dt2(moved(), oldD) - moved() * model.g();
@@ -110,5 +168,5 @@ Foam::label Foam::m4gnSolids4FoamLaw::step()
         return tolerance * max(motion < SMALL ? gMax(mag(now)()) : motion, SMALL);
     };
 
-    return correct(inertiaAndWeight, largest);
+    return correct(inertiaAndWeight, largest, most);
 }

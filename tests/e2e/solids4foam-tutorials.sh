@@ -6,32 +6,12 @@
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 needs_solids4foam
-tutorials=$SOLIDS4FOAM_DIR/tutorials/solids
-if [ ! -d "$tutorials" ]; then skip "SOLIDS4FOAM_DIR ($SOLIDS4FOAM_DIR) has no tutorials/solids"; fi
+# shellcheck source=tests/e2e/_solids4foam-tutorial.sh
+. "$M4GN_HOME/tests/e2e/_solids4foam-tutorial.sh"
 real=$LD_LIBRARY_PATH
 make_oracle
 oracle=$LD_LIBRARY_PATH
 
-setting() { foamDictionary -entry "$1" -set "$2" system/controlDict > /dev/null; }
-# prepare TUTORIAL STEPS: its mesh, and a run of so many time steps, all of which are written
-prepare() {
-    cp -r "$tutorials/$1" case && cd case
-    # What solids4foam's own convertCaseFormat does for this OpenFOAM
-    find . -type f -print0 | xargs -0 sed -i 's/symmetryPlane\b/symmetry/g'
-    if [ -f constant/polyMesh/blockMeshDict ]; then mv constant/polyMesh/blockMeshDict system; fi
-    foamDictionary -entry functions -remove system/controlDict > /dev/null 2>&1 || true
-    step=$(awk '$1 == "deltaT" { print $2 + 0 }' system/controlDict)
-    setting endTime "$(awk "BEGIN { print $2*$step }")"
-    setting writeControl timeStep
-    setting writeInterval 1
-    setting writeFormat ascii
-    setting writePrecision 14
-    setting writeCompression off
-    setting runTimeModifiable no
-    echo 'functions { #include "functions" }' >> system/controlDict
-    : > system/functions
-    runs blockMesh
-}
 # same FOLDER: every file of the times there is as it was, besides what m4gn writes
 same() {
     local file n=0
@@ -47,7 +27,7 @@ while read -r tutorial steps ahead limit text; do
     what=$tutorial
     export LD_LIBRARY_PATH=$real
     rm -rf "$work/case" && cd "$work"
-    prepare "$tutorial" "$steps"
+    solids4foam_tutorial "$tutorial" "$steps" case
     runs solids4Foam
     rm -rf ../plain && mkdir ../plain && find . -maxdepth 1 -name '[0-9]*' ! -name 0 -exec mv -t ../plain {} +
 
