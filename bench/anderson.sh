@@ -98,13 +98,13 @@ multiMaterial/layeredPipe 1 - two materials
 viscoelasticity/viscoTube 10 -
 elastoplasticity/perforatedPlate/perforatedPlate 10 -
 elastoplasticity/cooksMembrane 30 - updated Lagrangian
-elastoplasticity/neckingBar 5 - updated Lagrangian, wedge
-elastoplasticity/cylinderExpansion 10 - pressure equation
+elastoplasticity/cylinderExpansion 100 - pressure equation
 hyperelasticity/longWall 10 - zero shear, pressure equation
 hyperelasticity/longWall 10 pressure zero shear, solvePressureEqn no
 hyperelasticity/cylindricalPressureVessel 10 - pressure equation
+hyperelasticity/cylindricalPressureVessel 10 pressure solvePressureEqn no
 hyperelasticity/rigidRotation/rotatingBlock 50 -
 hyperelasticity/rigidRotation/rotatingCylinder 3 -
 hyperelasticity/cantileverBeam 1 - unstructured gradients
-linearElasticity/waveBar 200 - explicit
+linearElasticity/waveBar 4000 - explicit
 EOD

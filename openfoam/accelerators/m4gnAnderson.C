@@ -29,7 +29,7 @@ const Foam::scalar allowed = 0.02;
 //- Most that counts as saved, in time steps of the solver
 const Foam::scalar maxSaved = 20;
 
-//- Time steps that are solved before one is left to the solver to compare with, and at least as many are to come; later
+//- Time steps that are solved before one is left to the solver to compare with, where twice as many are to come; later
 //  ones are this many times what the last one has shown to be gained
 const Foam::label firstCompared = 3;
 const Foam::scalar comparedEvery = 64;
@@ -141,16 +141,21 @@ bool Foam::functionObjects::m4gnAnderson::pays()
 
 void Foam::functionObjects::m4gnAnderson::account()
 {
-    // Of another kind: behind a jump, or with a time to write where the others have none
-    const bool counts = time_.timeIndex() == index_ + 1 && time_.writeTime() == written_;
+    // One in which a surrogate jumped is of another kind, and those behind it are hard for the solver; so is one with a
+    // time to write where the others have none
+    const bool jumped = time_.timeIndex() != index_ + 1;
+    const bool counts = !jumped && time_.writeTime() == written_;
+    if (jumped) {
+        toCompare_ = max(toCompare_, firstCompared);
+    }
     const scalar taken = processorTime() - began_;
 
     if (!solved_) {
         if (counts) {
             plain_ = taken - attempt_;
-            toCompare_ =
-                label(max(scalar(firstCompared), comparedEvery * min(plain_ / max(helped_, VSMALL), 1e3)));
         }
+        toCompare_ =
+            label(max(scalar(firstCompared), comparedEvery * min(plain_ / max(helped_, VSMALL), 1e3)));
         saved_ += attempt_ > 0 ? -attempt_ : allowed * plain_;
 
         // What was lost is forgotten where the solver takes longer
@@ -222,7 +227,7 @@ void Foam::functionObjects::m4gnAnderson::solveNext()
 Foam::functionObjects::m4gnAnderson::m4gnAnderson(
     const word& name, const Time& runTime, const dictionary& dict)
     : fvMeshFunctionObject(name, runTime, dict), started_(false), due_(false), timeStart_(-VGREAT), began_(0),
-      index_(-1), attempt_(0), solved_(false), written_(false), plain_(0), helped_(GREAT), last_(GREAT),
+      index_(-1), attempt_(0), solved_(false), written_(true), plain_(0), helped_(GREAT), last_(GREAT),
       saved_(0), corrector_(0), toCompare_(firstCompared), leaving_(false), nSolved_(0), nCorrectors_(0),
       nLeft_(0), spent_(0)
 {
@@ -260,8 +265,8 @@ bool Foam::functionObjects::m4gnAnderson::execute()
     start();
     due_ = true;
     if (law_ && index_ >= 0) {
-        if (nSolved_ + nLeft_ == 1) {
-            written_ = time_.writeTime();
+        if (nSolved_ + nLeft_ <= 2) {
+            written_ = written_ && time_.writeTime();
         }
         account();
     }

@@ -24,7 +24,7 @@ solids4foam_tutorial() {
     echo 'functions { #include "functions" }' >> system/controlDict
     : > system/functions
     if [ -f system/blockMeshDict ]; then runs blockMesh; else runs fluentMeshToFoam ./*.msh; fi
-    if [ -f system/changeDictionaryDict ]; then runs changeDictionary; fi
+    if [ -f system/changeDictionaryDict.openfoam ]; then runs changeDictionary -dict system/changeDictionaryDict.openfoam -constant; fi
     if [ -f batch.setSet ]; then
         runs setSet -batch batch.setSet
         runs setsToZones

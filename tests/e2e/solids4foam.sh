@@ -272,7 +272,9 @@ if [ "$law" = yes ]; then
         echo "$anderson" > system/functions
         solve
         mixed=$(all_correctors)
-        grep -q '52 time steps solved ahead in .* 0 left to the solver' log.run || fail "$what: $(grep 'solved ahead' log.run)"
+        # One is left to the solver to compare with
+        ahead=$(sed -n 's/^m4gn: \([0-9]*\) time steps solved ahead.*/\1/p' log.run)
+        below 50 "$ahead" "$what: least time steps solved ahead"
         if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields '(D sigma)' -time '0.026:'; fi
         for time in 0.026 0.052; do
             for field in D sigma; do
@@ -304,14 +306,13 @@ EOD
     clean_case
     { echo "$anderson"; echo "$watch"; } > system/functions
     refused 'as the last one in functions' solids4Foam
+    # What it cannot solve is the solver's, and the log says why
+    sed -i 's/^endTime .*/endTime 0.003;/' system/controlDict
     model vertexCentredLinearGeometry linearElastic 200 Euler
     clean_case
     echo "$anderson" > system/functions
-    refused 'needs a cell-centred solid' solids4Foam
-    model nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000 Euler
-    sed -i 's/type neoHookeanElastic;/& solvePressureEqn yes;/' constant/mechanicalProperties
-    clean_case
-    refused 'without solvePressureEqn' solids4Foam
+    solve
+    expect_log 'leaves all time steps to the solver: solidModel is vertexCentredLinearGeometry; needed: linearGeometry'
     # The interface of two materials keeps the stress of the corrector before
     model linearGeometryTotalDisplacement linearElastic 200 Euler
     sed -i 's/^    rubber/    soft { type linearElastic; rho rho [1 -3 0 0 0 0 0] 1000; E E [1 -1 -2 0 0 0 0] 1e5; nu nu [0 0 0 0 0 0 0] 0.3; }\n&/' \
@@ -327,7 +328,9 @@ actions
 EOD
     clean_case
     cp -r constant/polyMesh ../no-zones && runs topoSet
-    refused 'of one material' solids4Foam
+    solve
+    expect_log 'leaves all time steps to the solver: 2 materials'
+    sed -i 's/^endTime .*/endTime 0.052;/' system/controlDict
     rm -rf constant/polyMesh && mv ../no-zones constant/polyMesh
     # Beside a surrogate: no step after a jump is at the solver's limit, which rough errors would take it to
     model nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000 Euler
