@@ -36,7 +36,7 @@ alter() {
 # swings: Cook's membrane does, instead of being at rest in each time step
 swings() {
     sed -i '/d2dt2Schemes/,/}/s/steadyState/Euler/; /ddtSchemes/,/}/s/steadyState/Euler/' system/fvSchemes
-    control deltaT 1e-6 endTime 2e-5
+    control deltaT 1e-6 endTime "${steps}e-6"
 }
 # control_model ENTRY VALUE: of the coefficients of the solid model
 control_model() {
@@ -91,8 +91,8 @@ linearElasticity/cooksMembrane 1 -
 linearElasticity/plateHole 1 - analytical tractions, symmetry
 linearElasticity/pressurisedCylinder 1 -
 linearElasticity/cooksMembrane 1 cells a cell displacement
-linearElasticity/cooksMembrane 20 damping Euler, damping
-linearElasticity/cooksMembrane 20 predictor predictor
+linearElasticity/cooksMembrane 100 damping Euler, damping
+linearElasticity/cooksMembrane 100 predictor predictor
 linearElasticity/rigidCylinderContactBrick 14 - contact
 multiMaterial/layeredPipe 1 - two materials
 viscoelasticity/viscoTube 10 -
@@ -101,8 +101,8 @@ elastoplasticity/cooksMembrane 30 - updated Lagrangian
 elastoplasticity/cylinderExpansion 100 - pressure equation
 hyperelasticity/longWall 10 - zero shear, pressure equation
 hyperelasticity/longWall 10 pressure zero shear, solvePressureEqn no
-hyperelasticity/cylindricalPressureVessel 10 - pressure equation
-hyperelasticity/cylindricalPressureVessel 10 pressure solvePressureEqn no
+hyperelasticity/cylindricalPressureVessel 4 - pressure equation
+hyperelasticity/cylindricalPressureVessel 4 pressure solvePressureEqn no
 hyperelasticity/rigidRotation/rotatingBlock 50 -
 hyperelasticity/rigidRotation/rotatingCylinder 3 -
 hyperelasticity/cantileverBeam 1 - unstructured gradients

@@ -29,9 +29,11 @@ const Foam::scalar allowed = 0.02;
 //- Most that counts as saved, in time steps of the solver
 const Foam::scalar maxSaved = 20;
 
-//- Time steps that are solved before one is left to the solver to compare with, where twice as many are to come; later
-//  ones are this many times what the last one has shown to be gained
+//- Time steps that are solved before one is left to the solver to compare with, where so many are to come, or so few
+//  correctors were needed that the solver may need no more; later ones are so many times what was gained by then
 const Foam::label firstCompared = 3;
+const Foam::label manySteps = 32;
+const Foam::label fewCorrectors = 5;
 const Foam::scalar comparedEvery = 64;
 
 //- Processor time of all ranks so far (s)
@@ -126,7 +128,8 @@ Foam::label Foam::functionObjects::m4gnAnderson::affordable() const
 bool Foam::functionObjects::m4gnAnderson::pays()
 {
     const scalar remaining = (time_.endTime().value() - time_.value()) / time_.deltaTValue();
-    if (saved_ >= 0 && (toCompare_ > 0 || remaining < 2 * firstCompared)) {
+    const bool comparing = toCompare_ <= 0 && (remaining > manySteps || latest_ <= fewCorrectors);
+    if (saved_ >= 0 && !comparing) {
         return true;
     }
 
@@ -213,11 +216,11 @@ void Foam::functionObjects::m4gnAnderson::solveNext()
     if (!solved_) {
         helped_ = last_ = GREAT;
         ++nLeft_;
-        Info << "m4gn: no solution was found for the next time step, which is left to the solver" << nl
-             << endl;
+        Info << "m4gn: the next time step is left to the solver" << nl << endl;
     } else {
         ++nSolved_;
         nCorrectors_ += nCorrectors;
+        latest_ = nCorrectors;
         spent_ += attempt_;
         corrector_ = attempt_ / nCorrectors;
         Info << "m4gn: the next time step is solved in " << nCorrectors << " correctors" << nl << endl;
@@ -228,8 +231,8 @@ Foam::functionObjects::m4gnAnderson::m4gnAnderson(
     const word& name, const Time& runTime, const dictionary& dict)
     : fvMeshFunctionObject(name, runTime, dict), started_(false), due_(false), timeStart_(-VGREAT), began_(0),
       index_(-1), attempt_(0), solved_(false), written_(true), plain_(0), helped_(GREAT), last_(GREAT),
-      saved_(0), corrector_(0), toCompare_(firstCompared), leaving_(false), nSolved_(0), nCorrectors_(0),
-      nLeft_(0), spent_(0)
+      saved_(0), corrector_(0), latest_(0), toCompare_(firstCompared), leaving_(false), nSolved_(0),
+      nCorrectors_(0), nLeft_(0), spent_(0)
 {
     read(dict);
 }

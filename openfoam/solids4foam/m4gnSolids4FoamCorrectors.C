@@ -143,7 +143,7 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnSolids4FoamLaw::force() const
 
 Foam::label Foam::m4gnSolids4FoamLaw::correct(
     const std::function<tmp<fvVectorMatrix>()>& inertiaAndWeight, const std::function<scalar()>& largest,
-    const label most)
+    const label most, const scalar enough)
 {
     solidModel& solid = *solid_;
     const solidModel& model = solid;
@@ -182,7 +182,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
                    + protectedParts::stabilisationOf(model).stabilisation(
                        u, solid.incremental() ? solid.gradDD() : solid.gradD(), impK));
         protectedParts::setCells(solid, equation);
-        equation.solve(controls);
+        const scalar residual = mag(equation.solve(controls).initialResidual());
         ++nCorrectors;
 
         // The list of a time step's solves becomes text with each of them
@@ -194,7 +194,8 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
         if (nCorrectors == 1) {
             first = change;
         }
-        valid = change <= diverged * max(first, largest());
+        // The second one is the first with the tractions of this time
+        valid = change <= diverged * max(first, largest()) && (nCorrectors != 2 || residual >= enough);
         now = mixing.next(now(), next());
     }
     SolverPerformance<vector>::debug = debug;
