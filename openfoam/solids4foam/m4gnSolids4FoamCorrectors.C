@@ -157,7 +157,18 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
     controls.set("tolerance", VSMALL);
     controls.set("relTol", linearTolerance);
 
-    presentGradients(tractions(true));
+    // What an attempt in vain leaves as it was: with others than these the solver's time step would begin far from its end
+    const volSymmTensorField stressBefore("stressBefore", solid.sigma());
+    const labelList patches(tractions(true));
+    List<vectorField> gradients(patches.size()), loads(patches.size());
+    forAll(patches, i) {
+        fvPatchVectorField& patch = u.boundaryFieldRef()[patches[i]];
+        gradients[i] = gradient(patch);
+        if (loaded(patch)) {
+            loads[i] = loaded(patch)->traction();
+        }
+    }
+    presentGradients(patches);
 
     // The solver prints the residuals of none of its correctors either
     const label debug = SolverPerformance<vector>::debug;
@@ -202,8 +213,15 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
 
     if (!valid || !converged || !take(now(), impK, sweepTolerance * largest())) {
         u == before;
-        presentGradients(tractions(true));
+        forAll(patches, i) {
+            fvPatchVectorField& patch = u.boundaryFieldRef()[patches[i]];
+            gradient(patch) = gradients[i];
+            if (loaded(patch)) {
+                loaded(patch)->traction() = loads[i];
+            }
+        }
         stress();
+        solid.sigma() == stressBefore;
         return -1;
     }
 

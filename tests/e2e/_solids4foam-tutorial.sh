@@ -7,7 +7,8 @@ if [ ! -d "$tutorials" ]; then skip "SOLIDS4FOAM_DIR ($SOLIDS4FOAM_DIR) has no t
 # length of a time step.
 solids4foam_tutorial() {
     local setting file
-    cp -r "$tutorials/$1" "$3" && cd "$3"
+    cp -r "$tutorials/$1" "$3"
+    cd "$3" || fail "no folder $3"
     # What solids4foam's own convertCaseFormat does for this OpenFOAM
     find . -type f -print0 | xargs -0 sed -i 's/symmetryPlane\b/symmetry/g'
     if [ -f constant/polyMesh/blockMeshDict ]; then mv constant/polyMesh/blockMeshDict system; fi
