@@ -128,7 +128,7 @@ Foam::label Foam::functionObjects::m4gnAnderson::affordable() const
 bool Foam::functionObjects::m4gnAnderson::pays()
 {
     const scalar remaining = (time_.endTime().value() - time_.value()) / time_.deltaTValue();
-    const bool comparing = toCompare_ <= 0 && (remaining > manySteps || latest_ <= fewCorrectors);
+    const bool comparing = compare_ && toCompare_ <= 0 && (remaining > manySteps || latest_ <= fewCorrectors);
     if (saved_ >= 0 && !comparing) {
         return true;
     }
@@ -174,7 +174,7 @@ void Foam::functionObjects::m4gnAnderson::account()
         helped_ = min(taken, last_);
         last_ = taken;
         if (plain_ > 0) {
-            saved_ = min(saved_ + max(plain_ - helped_, -plain_), maxSaved * plain_);
+            saved_ = min(saved_ + max(plain_ - helped_, compare_ ? -plain_ : scalar(0)), maxSaved * plain_);
         }
     }
 }
@@ -229,10 +229,10 @@ void Foam::functionObjects::m4gnAnderson::solveNext()
 
 Foam::functionObjects::m4gnAnderson::m4gnAnderson(
     const word& name, const Time& runTime, const dictionary& dict)
-    : fvMeshFunctionObject(name, runTime, dict), started_(false), due_(false), timeStart_(-VGREAT), began_(0),
-      index_(-1), attempt_(0), solved_(false), written_(true), plain_(0), helped_(GREAT), last_(GREAT),
-      saved_(0), corrector_(0), latest_(0), toCompare_(firstCompared), leaving_(false), nSolved_(0),
-      nCorrectors_(0), nLeft_(0), spent_(0)
+    : fvMeshFunctionObject(name, runTime, dict), started_(false), due_(false), timeStart_(-VGREAT),
+      compare_(true), began_(0), index_(-1), attempt_(0), solved_(false), written_(true), plain_(0),
+      helped_(GREAT), last_(GREAT), saved_(0), corrector_(0), latest_(0), toCompare_(firstCompared),
+      leaving_(false), nSolved_(0), nCorrectors_(0), nLeft_(0), spent_(0)
 {
     read(dict);
 }
@@ -243,7 +243,8 @@ bool Foam::functionObjects::m4gnAnderson::read(const dictionary& dict)
     // construction into a warning and goes on without the function object.
 
     fvMeshFunctionObject::read(dict);
-    m4gn::checkKeys(dict, {}, true);
+    m4gn::checkKeys(dict, {"compare"}, true);
+    compare_ = dict.getOrDefault<bool>("compare", true);
     timeStart_ = dict.getOrDefault<scalar>("timeStart", -VGREAT);
 
     return true;

@@ -143,7 +143,7 @@ Foam::tmp<Foam::volVectorField> Foam::m4gnSolids4FoamLaw::force() const
 
 Foam::label Foam::m4gnSolids4FoamLaw::correct(
     const std::function<tmp<fvVectorMatrix>()>& inertiaAndWeight, const std::function<scalar()>& largest,
-    const label most, const scalar enough)
+    const label most)
 {
     solidModel& solid = *solid_;
     const solidModel& model = solid;
@@ -193,7 +193,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
                    + protectedParts::stabilisationOf(model).stabilisation(
                        u, solid.incremental() ? solid.gradDD() : solid.gradD(), impK));
         protectedParts::setCells(solid, equation);
-        const scalar residual = mag(equation.solve(controls).initialResidual());
+        equation.solve(controls);
         ++nCorrectors;
 
         // The list of a time step's solves becomes text with each of them
@@ -205,8 +205,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
         if (nCorrectors == 1) {
             first = change;
         }
-        // The second one is the first with the tractions of this time
-        valid = change <= diverged * max(first, largest()) && (nCorrectors != 2 || residual >= enough);
+        valid = change <= diverged * max(first, largest());
         now = mixing.next(now(), next());
     }
     SolverPerformance<vector>::debug = debug;

@@ -168,5 +168,5 @@ Foam::label Foam::m4gnSolids4FoamLaw::step(const label most)
         return tolerance * max(motion < SMALL ? gMax(mag(now)()) : motion, SMALL);
     };
 
-    return correct(inertiaAndWeight, largest, most, tolerance);
+    return correct(inertiaAndWeight, largest, most);
 }
