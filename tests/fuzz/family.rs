@@ -153,13 +153,16 @@ fn campaign() {
             );
             let asked = dakota::Request::read(&dir.path().join("params.in"));
             if let Ok(values) = asked.map_err(|e| e.to_string()).and_then(|asked| asked.values(&table)) {
-                let row = table::with_row(dir.path(), values.clone()).unwrap();
-                assert_eq!(
-                    table::with_row(dir.path(), values).unwrap(),
-                    row,
-                    "it is found, not appended again"
-                );
-                assert!(table::Table::read(dir.path()).unwrap().rows.iter().any(|r| r.name == row));
+                let added = table::with_row(dir.path(), values.clone());
+                let now = table::Table::read(dir.path()).unwrap();
+                match added {
+                    Ok(row) => {
+                        let again = table::with_row(dir.path(), values).unwrap();
+                        assert_eq!(again, row, "it is found, not appended again");
+                        assert!(now.rows.iter().any(|r| r.name == row));
+                    }
+                    Err(e) => assert_eq!(now.rows.len(), table.rows.len(), "{e}"),
+                }
             }
         }
         let _ = record::state(dir.path(), &now.made_from);

@@ -108,7 +108,7 @@ impl Table {
 /// stays as it is. One program at a time may do so.
 ///
 /// # Errors
-/// As [`Table::read`]; [`Error::File`] where the file cannot be written.
+/// As [`Table::read`]; [`Error::File`] where the file cannot be written, or its end takes no row.
 pub fn with_row(folder: &Path, values: Vec<String>) -> Result<String> {
     let (path, table) = (folder.join(FILE), Table::read(folder)?);
     let same = |a: &String, b: &String| match (number(a), number(b)) {
@@ -125,8 +125,15 @@ pub fn with_row(folder: &Path, values: Vec<String>) -> Result<String> {
         text.push('\n');
     }
     text += &csv_text([[vec![name.clone()], values].concat()])?;
-    files::write_whole(&path, text.as_bytes())?;
-    Ok(name)
+    // A quote that is open at the file's end would take the new row into its value
+    if Table::parse(&text).is_ok_and(|with| with.rows.len() == table.rows.len() + 1) {
+        files::write_whole(&path, text.as_bytes())?;
+        return Ok(name);
+    }
+    Err(Error::file(
+        &path,
+        "no row can be added, as its last value begins with a quote that is not closed: expected one at its end",
+    ))
 }
 
 /// A value in the fewest digits that say the same; none: it is neither a number nor a word.
@@ -218,6 +225,11 @@ mod tests {
         let all = std::fs::read_to_string(&path).unwrap();
         assert_eq!(all, format!("{text}\nr04,0.3,b\nr05,-4,a\nr06,4e20,a\n"));
         assert_eq!([value("nan"), value("a b"), value("")], [None, None, None]);
+        let open = "case_name,Uin,model\nr01,1,\"a";
+        std::fs::write(&path, open).unwrap();
+        let error = with_row(dir.path(), vec!["2".into(), "a".into()]).unwrap_err().to_string();
+        assert!(error.contains("a quote that is not closed"), "{error}");
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), open, "it is as it was");
     }
 
     #[test]
