@@ -8,9 +8,8 @@ use super::{Campaign, Unit};
 use crate::compare::surrogate;
 use crate::generate::case::program;
 use crate::generate::process::Surroundings;
-use crate::user_case::{names, times};
+use crate::user_case::{averages, names};
 use m4gn_base::{Error, Result, files};
-use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::ErrorKind;
@@ -166,19 +165,7 @@ fn clear(case: &Path) -> Result<()> {
 
 /// What the last check of our m4gnAverages said: the figures, and the longest period of those that oscillate.
 fn figures(campaign: &Campaign, case: &Path, log: &Path) -> Result<(BTreeMap<String, Figure>, Option<f64>)> {
-    let folder = case.join("postProcessing").join(AVERAGES);
-    let latest = times(&folder).unwrap_or_default().pop();
-    let path = folder.join(latest.map_or(String::new(), |(n, _)| n)).join("averages.json");
-    let text = files::read_text(&path).map_err(|e| {
-        Error::file(
-            &path,
-            format!(
-                "cannot be read: {e}; expected figures of m4gnAverages; {} says why there are none",
-                log.display()
-            ),
-        )
-    })?;
-    let all: Value = serde_json::from_str(&text).map_err(|e| Error::file(&path, e.to_string()))?;
+    let (path, all) = averages(case, AVERAGES, log)?;
     let (mut figures, mut period) = (BTreeMap::new(), None::<f64>);
     for q in &campaign.settings.quantity {
         let of = |key: &str| all[&q.name][key].as_f64().filter(|v| v.is_finite());

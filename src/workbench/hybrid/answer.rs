@@ -3,8 +3,8 @@
 use super::score::Score;
 use crate::compare::surrogate;
 use crate::generate::family::{Answers, Draw};
-use crate::user_case::times;
-use m4gn_base::{Error, Result, files};
+use crate::user_case::averages;
+use m4gn_base::{Error, Result};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -32,15 +32,14 @@ struct Answer {
 }
 
 impl Answer {
-    fn read(case: &Path) -> Result<Self> {
-        let folder = case.join("postProcessing").join(NAME);
-        let latest = times(&folder).unwrap_or_default().pop().map_or(String::new(), |(name, _)| name);
-        let path = folder.join(latest).join("averages.json");
-        let bad = |what: String| Error::file(&path, format!("{what}: expected figures of m4gnAverages"));
-        let text = files::read_text(&path).map_err(|e| bad(format!("cannot be read: {e}")))?;
-        let all: Value = serde_json::from_str(&text).map_err(|e| bad(e.to_string()))?;
+    /// Of a run of this program.
+    fn read(case: &Path, solver: &str) -> Result<Self> {
+        let (path, all) = averages(case, NAME, &case.join(format!("log.{solver}")))?;
         let number = |value: &Value, key: &str| {
-            value[key].as_f64().filter(|v| v.is_finite()).ok_or_else(|| bad(format!("has no number {key}")))
+            let number = value[key].as_f64().filter(|v| v.is_finite());
+            let none =
+                || Error::file(&path, format!("has no number {key}: expected figures of m4gnAverages"));
+            number.ok_or_else(none)
         };
         let mut figures = BTreeMap::new();
         for (name, figure) in all.as_object().into_iter().flatten().filter(|(_, f)| f.is_object()) {
@@ -55,12 +54,12 @@ impl Answer {
     }
 }
 
-/// The figures of a run against those of the full one.
+/// The figures of a run of this program against those of the full one.
 ///
 /// # Errors
 /// [`Error::File`] where one of the two has none.
-pub(super) fn score(full: &Path, case: &Path) -> Result<Score> {
-    let (truth, own) = (Answer::read(full)?, Answer::read(case)?);
+pub(super) fn score(full: &Path, case: &Path, solver: &str) -> Result<Score> {
+    let (truth, own) = (Answer::read(full, solver)?, Answer::read(case, solver)?);
     let (mut largest, mut outside) = (0.0_f64, 0);
     for (name, [right, sure]) in &truth.figures {
         let Some([value, half_width]) = own.figures.get(name) else {
@@ -103,12 +102,12 @@ mod tests {
         };
         let full = case(dir.path(), "full", &text(30.0, 2.0, 0.5));
         let own = case(dir.path(), "own", &text(5.0, 2.01, 0.45));
-        let found = score(&full, &own).unwrap();
+        let found = score(&full, &own, "icoFoam").unwrap();
         assert_eq!((found.ended, found.outside), (Some(5.0), Some(0.5)));
         assert!((found.answer.unwrap() - 0.1).abs() < 1e-12, "{found:?}");
         let none = case(dir.path(), "none", r#"{"time": 5}"#);
-        assert!(score(&full, &none).unwrap_err().to_string().contains("has no figure Cd"));
-        let error = score(&full, &dir.path().join("nowhere")).unwrap_err().to_string();
+        assert!(score(&full, &none, "icoFoam").unwrap_err().to_string().contains("has no figure Cd"));
+        let error = score(&full, &dir.path().join("nowhere"), "icoFoam").unwrap_err().to_string();
         assert!(error.contains("expected figures of m4gnAverages"), "{error}");
     }
 }

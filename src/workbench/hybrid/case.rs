@@ -219,7 +219,7 @@ impl Job<'_> {
         check_patch(takeover)?;
         let _one = self.one();
         match run.kind {
-            Some(_) if plan.answers => record.score = Some(answer::score(&folder.join(FULL), case)?),
+            Some(_) if plan.answers => record.score = Some(answer::score(&folder.join(FULL), case, solver)?),
             Some(kind) => {
                 let (score, comparison) = self.compare(folder, case, kind, takeover)?;
                 (record.score, record.comparison) = (Some(score), Some(comparison));

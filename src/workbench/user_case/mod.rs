@@ -6,7 +6,8 @@ pub(crate) mod log;
 pub(crate) use copy::{Copy, Start};
 
 use crate::generate::process::{Surroundings, ends, excerpt};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, files};
+use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -52,6 +53,21 @@ pub(crate) fn function_objects(
         }
     }
     Ok(found)
+}
+
+/// What the last check of the function object m4gnAverages of this name said in a run with this log, and the file that has it.
+pub(crate) fn averages(case: &Path, name: &str, log: &Path) -> Result<(PathBuf, Value)> {
+    let folder = case.join("postProcessing").join(name);
+    let latest = times(&folder).unwrap_or_default().pop();
+    let path = folder.join(latest.map_or(String::new(), |(n, _)| n)).join("averages.json");
+    let text = files::read_text(&path).map_err(|e| {
+        let log = log.display();
+        let told =
+            format!("cannot be read: {e}; expected figures of m4gnAverages; {log} says why there are none");
+        Error::file(&path, told)
+    })?;
+    let all = serde_json::from_str(&text).map_err(|e| Error::file(&path, e.to_string()))?;
+    Ok((path, all))
 }
 
 /// Whether a case has a mesh.
