@@ -8,7 +8,8 @@ pub(crate) use copy::{Copy, Start};
 use crate::generate::process::{Surroundings, ends, excerpt};
 use m4gn_base::{Error, Result, files};
 use serde_json::Value;
-use std::fs;
+use std::fs::{self, OpenOptions};
+use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 /// What is not of use to a run.
@@ -96,21 +97,25 @@ pub(crate) fn times(folder: &Path) -> Result<Vec<(String, f64)>> {
     Ok(found)
 }
 
-/// Copies a file, or a folder with all that is in it. Links become what they lead to; those that lead nowhere or back to where they are,
-/// pipes and devices are left out.
+/// Copies a file, or a folder with all that is in it, programs as programs. Links become what they lead to; those that lead nowhere or back to where
+/// they are, pipes and devices are left out.
 pub(crate) fn copy_all(from: &Path, to: &Path) -> Result<()> {
     copy_within(from, to, &mut Vec::new())
 }
 
 fn copy_within(from: &Path, to: &Path, open: &mut Vec<PathBuf>) -> Result<()> {
     let failed = |e: std::io::Error| {
-        Error::file(from, format!("cannot be copied to {}: {e}; TMPDIR says where copies go", to.display()))
+        let hint = if to.starts_with(std::env::temp_dir()) { "; TMPDIR says where copies go" } else { "" };
+        Error::file(from, format!("cannot be copied to {}: {e}{hint}", to.display()))
     };
     let Ok(kind) = fs::metadata(from) else { return Ok(()) };
     if kind.is_file() {
         let copied = || {
             to.parent().map_or(Ok(()), fs::create_dir_all)?;
-            std::io::copy(&mut fs::File::open(from)?, &mut fs::File::create(to)?)
+            // Not as read-only as the original may be
+            let mode = 0o666 | (kind.permissions().mode() & 0o111);
+            let mut copy = OpenOptions::new().write(true).create(true).truncate(true).mode(mode).open(to)?;
+            std::io::copy(&mut fs::File::open(from)?, &mut copy)
         };
         return copied().map(drop).map_err(failed);
     }
@@ -148,6 +153,20 @@ pub(crate) fn mentions(text: &str, name: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_script_of_a_case_can_be_run_in_its_copy() {
+        let dir = tempfile::tempdir().unwrap();
+        let (from, to) = (dir.path().join("from"), dir.path().join("to"));
+        fs::create_dir(&from).unwrap();
+        for (name, mode, copied) in [("Allrun.pre", 0o555, 0o700), ("U", 0o444, 0o600)] {
+            fs::write(from.join(name), name).unwrap();
+            fs::set_permissions(from.join(name), fs::Permissions::from_mode(mode)).unwrap();
+            copy_all(&from, &to).unwrap();
+            let found = fs::metadata(to.join(name)).unwrap().permissions().mode();
+            assert_eq!(found & 0o700, copied, "{name}");
+        }
+    }
 
     #[test]
     fn names_are_whole_parts_of_paths() {
