@@ -108,8 +108,18 @@ impl Surroundings {
         if status.success() {
             return Ok(());
         }
-        Err(Error::file(&log, format!("{name} failed ({status}){}", reason(&log))))
+        Err(Error::file(&log, format!("{name} failed ({status}){}{}", reason(&log), full(folder))))
     }
+}
+
+/// Least space, kB, with which nothing is said of it.
+const LITTLE: u64 = 1024;
+
+/// What is said of a folder on a full disk, as programs themselves often do not.
+pub(crate) fn full(folder: &Path) -> String {
+    let left = rustix::fs::statvfs(folder).map(|s| s.f_bavail * s.f_frsize / 1024);
+    let little = left.ok().filter(|kb| *kb < LITTLE);
+    little.map_or(String::new(), |kb| format!("; {kb} kB of disk space are left in {}", folder.display()))
 }
 
 /// Most of each end of a log that is read: a program may have written without end.
