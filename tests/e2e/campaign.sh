@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# m4gn campaign: a cavity from init to report with the stock solver; killed in the middle; two at once; a run that diverges; an edited case; starts from
-# sisters, scaled and mapped; for Dakota; on two ranks.
+# m4gn campaign: a cavity from init to report with the stock solver; killed in the middle; two at once; a full disk; a run that diverges; an edited
+# case; starts from sisters, scaled and mapped, while they pay; for Dakota; on two ranks.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
@@ -105,7 +105,7 @@ entries=$(sed -n 's/.*fits, with //p' log.run)
 grep -qxF "# surrogate_entries = \"$entries\"" study/campaign.toml || fail "not the entries of the check: $(cat study/campaign.toml)"
 refused 'is there already' m4gn campaign init cavity --out study --parameter Ulid=1,2
 refused 'has no \[\[quantity\]\]' m4gn campaign run --store study
-quantity study 'scale = "Ulid"' 'held_out = 0.25'
+quantity study 'scale = "Ulid"' 'held_out = 0.25' 'start = "nearest"'
 refused 'has no run r7: expected one of r01' m4gn campaign one r7 --store study
 
 # Killed in the middle, and carried on: what is done stays, and nothing of the killed run does
@@ -173,6 +173,22 @@ wait $second || { cat log.second; fail "the second of two failed"; }
 runs m4gn campaign status --store study
 expect_log '5 of 5 runs are there'
 for log in log.first log.second; do grep -q '^[0-9]/[0-9] r0' $log || { cat $log; fail "one of two made all"; }; done
+
+# A full disk, on which programs' writes fail and they go on: no result and nothing half, and the same command goes on
+rm -rf study/runs study/checks
+full=$( (trap '' XFSZ; ulimit -f 0; m4gn campaign one r02 --store study) 2>&1) && fail "a run was made without a byte"
+grep -q 'File too large' <<< "$full" || fail "not what failed: $full"
+{ echo '#!/bin/bash'; echo "trap '' XFSZ; [ -e $PWD/space ] || ulimit -f 12; exec icoFoam > /dev/null"; } > cavity/limited
+chmod +x cavity/limited
+sed -i 's/^solver = .*/solver = [".\/limited"]/' study/campaign.toml
+refused 'is cut off: expected the line that ends' m4gn campaign one r02 --store study
+[ ! -e study/runs/r02/done ] || fail "a state that is cut off counts"
+touch space
+runs m4gn campaign run --store study --retry
+runs m4gn campaign status --store study
+expect_log '5 of 5 runs are there'
+rm cavity/limited
+sed -i 's/^solver = .*/solver = ["icoFoam"]/' study/campaign.toml
 
 # Another mesh: mapped. A run that diverges is told, kept as failed, and the others are made
 runs m4gn campaign init cavity --out other --parameter Ulid=1,1.2,300 --parameter n=20,24,20 --sampling list
@@ -260,3 +276,12 @@ by_itself 1
 plain=$(awk '!/^#/ && $1 > 1 { sum += $2; ++n } END { print sum/n }' postProcessing/mean/0/volFieldValue.dat)
 cd ..
 below "$(off "$(value cycles r02)" "$plain")" 0.002 "mean speed of r02 against a run by itself"
+# Starts that have not paid are not taken again: r06 is cold, and told why
+for record in cycles/runs/*/done; do
+    grep -q '"kind": "cold"' "$record" || sed -i 's/"solver": .*/"solver": 99,/' "$record"
+done
+echo r06,3.5,20 >> cycles/parameters.csv
+runs m4gn campaign run --store cycles
+expect_log 'r06 .* from cold (cycle took [0-9.e+]* of a cold run, nearest took [0-9.e+]* of a cold run)'
+runs m4gn campaign status --store cycles
+expect_log 'r06 .*cold.*nearest took'

@@ -5,7 +5,7 @@ use super::table::{Row, Table};
 use crate::digest::Digest;
 use crate::generate::process::Surroundings;
 use crate::user_case::{LEFT_OUT, copy_all, entry, function_objects, header, names, time, times};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, files};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
@@ -170,19 +170,11 @@ impl Source {
         Ok(MadeFrom(parts))
     }
 
-    /// Copies the case to `copy`, which is not there yet, with a run's parameters and entries. `stored`: time between the states that it stores,
-    /// and how many are kept; none: the last one.
+    /// Copies the case to `copy`, which is not there yet, with a run's parameters and entries.
     ///
     /// # Errors
     /// [`Error::File`] for what cannot be copied or written.
-    pub fn copy(
-        &self,
-        copy: &Path,
-        settings: &Settings,
-        parameters: &str,
-        plain: bool,
-        stored: Option<(f64, usize)>,
-    ) -> Result<()> {
+    pub fn copy(&self, copy: &Path, settings: &Settings, parameters: &str, plain: bool) -> Result<()> {
         for name in self.contents()? {
             copy_all(&self.folder.join(&name), &copy.join(&name))?;
         }
@@ -193,13 +185,31 @@ impl Source {
         write(&copy.join(PARAMETERS), parameters)?;
         let (control, own) = (copy.join("system/controlDict"), copy.join("system").join(CONTROL));
         fs::rename(&control, &own).map_err(|e| Error::file(&control, format!("cannot be renamed: {e}")))?;
-        write(&control, &self.control_dict(settings, plain, stored))
+        write(&control, &self.control_dict(settings, plain))
     }
 
-    /// The `controlDict` of a run: the user's, from its start time, with the states that are stored, and our function objects behind the user's.
-    fn control_dict(&self, s: &Settings, plain: bool, stored: Option<(f64, usize)>) -> String {
+    /// Has a run store states: each after `stored.0` s, of which `stored.1` are kept. `last`: the time at which it has ended, and from which it goes on
+    /// by itself until they are there; none: while it is made.
+    ///
+    /// # Errors
+    /// [`Error::File`] where its `controlDict` cannot be changed.
+    pub fn store(&self, copy: &Path, stored: (f64, usize), last: Option<f64>) -> Result<()> {
+        let path = copy.join("system/controlDict");
+        let mut text =
+            files::read_text(&path).map_err(|e| Error::file(&path, format!("cannot be read: {e}")))?;
+        text += &format!("writeInterval {};\npurgeWrite {};\n", stored.0, stored.1);
+        if let Some(last) = last {
+            // One of them is the last state; half an interval more, and all are written
+            let end = last + stored.0 * (stored.1 as f64 - 0.5);
+            let off = [AVERAGES, SURROGATE].map(|name| format!("    {name} {{ enabled no; }}\n")).concat();
+            text += &format!("startFrom latestTime;\nendTime {end};\nfunctions\n{{\n{off}}}\n");
+        }
+        write(&path, &text)
+    }
+
+    /// The `controlDict` of a run: the user's, from its start time, with its last state alone, and our function objects behind the user's.
+    fn control_dict(&self, s: &Settings, plain: bool) -> String {
         let end = s.end_time.unwrap_or(self.end);
-        let (interval, kept) = stored.unwrap_or((end - self.start, 0));
         let ours = self
             .functions
             .iter()
@@ -217,11 +227,12 @@ impl Source {
         let quantities: String = s.quantity.iter().map(entries).collect();
         // The user's first: entries that come later count
         format!(
-            "{}#include \"{CONTROL}\"\nstartFrom startTime;\nstopAt endTime;\nendTime {end};\nwriteControl runTime;\nwriteInterval {interval};\n\
-             purgeWrite {kept};\nrunTimeModifiable no;\nfunctions\n{{\n{off}{surrogate}    {AVERAGES}\n    {{\n        type m4gnAverages;\n        \
+            "{}#include \"{CONTROL}\"\nstartFrom startTime;\nstopAt endTime;\nendTime {end};\nwriteControl runTime;\nwriteInterval {};\n\
+             purgeWrite 0;\nrunTimeModifiable no;\nfunctions\n{{\n{off}{surrogate}    {AVERAGES}\n    {{\n        type m4gnAverages;\n        \
              libs (m4gnAverages);\n        confidence {};\n        stop {stop};\n        minTime {};\n        quantities\n        \
              {{\n{quantities}        }}\n    }}\n}}\n",
             header("controlDict"),
+            end - self.start,
             s.confidence,
             s.min_time,
         )
@@ -339,7 +350,7 @@ mod tests {
     #[test]
     fn a_run_has_our_entries_behind_the_case_s() {
         let (_dir, source) = source(&[]);
-        let text = source.control_dict(&settings(), false, None);
+        let text = source.control_dict(&settings(), false);
         for expected in [
             "#include \"controlDict.case\"\nstartFrom startTime;",
             "endTime 2;\nwriteControl runTime;\nwriteInterval 2;",
@@ -350,8 +361,19 @@ mod tests {
         ] {
             assert!(text.contains(expected), "{expected}: {text}");
         }
-        let plain = source.control_dict(&settings(), true, Some((0.25, 10)));
-        assert!(plain.contains("writeInterval 0.25;\npurgeWrite 10;"), "{plain}");
+        let plain = source.control_dict(&settings(), true);
         assert!(plain.contains("stop no;") && !plain.contains("surrogates"), "{plain}");
+    }
+
+    #[test]
+    fn a_run_goes_on_for_states() {
+        let (dir, source) = source(&["system/controlDict"]);
+        source.store(dir.path(), (0.25, 10), None).unwrap();
+        let path = dir.path().join("system/controlDict");
+        let text = || fs::read_to_string(&path).unwrap();
+        assert_eq!(text(), "system/controlDictwriteInterval 0.25;\npurgeWrite 10;\n");
+        source.store(dir.path(), (0.25, 10), Some(2.0)).unwrap();
+        assert!(text().contains("startFrom latestTime;\nendTime 4.375;\n"), "{}", text());
+        assert!(text().ends_with("    m4gnCampaignSurrogate { enabled no; }\n}\n"), "{}", text());
     }
 }

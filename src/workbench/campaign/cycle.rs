@@ -10,9 +10,6 @@ use std::f64::consts::TAU;
 /// States a period that a run stores, and how many it keeps: more than a period's.
 const A_PERIOD: f64 = 8.0;
 const KEPT: usize = 10;
-/// The same of a run of unknown period, whose whole time is so many intervals.
-const INTERVALS: f64 = 200.0;
-const KEPT_UNKNOWN: usize = 32;
 
 /// Harmonics of a cycle.
 const HARMONICS: usize = 3;
@@ -27,9 +24,9 @@ const SPANS: f64 = 1e-3;
 /// Largest sum of the magnitudes of sisters' weights: beyond it they extrapolate.
 const WITHIN: f64 = 2.0;
 
-/// Time between two states that a run stores, and how many it keeps. `period`: its own, as far as it is known.
-pub fn stored(period: Option<f64>, duration: f64) -> (f64, usize) {
-    period.map_or((duration / INTERVALS, KEPT_UNKNOWN), |period| (period / A_PERIOD, KEPT))
+/// Time between two states that a run of this period stores, and how many it keeps.
+pub fn stored(period: f64) -> (f64, usize) {
+    (period / A_PERIOD, KEPT)
 }
 
 /// Mean and complex harmonics of a run's states: of the n-th, the real and the imaginary part as combinations of the states.

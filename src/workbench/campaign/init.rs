@@ -138,7 +138,7 @@ fn checked(
     let copy = scratch.join("first").join(source.folder.file_name().unwrap_or("case".as_ref()));
     let quick = Surroundings { timeout: Duration::from_secs(MESH_SECONDS), ..tools.clone() };
     let made = source
-        .copy(&copy, &settings, parameters, true, None)
+        .copy(&copy, &settings, parameters, true)
         .and_then(|()| settings.prepare.iter().try_for_each(|command| quick.run(&copy, command)));
     let plan = Plan {
         case: Case::Folder(copy.clone()),
@@ -283,9 +283,9 @@ solver = {solver}
 # Above 1: decomposePar, mpirun, reconstructPar
 ranks = {ranks}
 
-# \"cycle\": from the limit cycles of the finished runs around it, else as \"nearest\": from the last state of the nearest one; \"cold\": from the
-# case's own fields
-start = \"cycle\"
+# \"auto\": from the limit cycles of the finished runs around it, the last state of the nearest one, or cold, as finished runs show to pay;
+# \"nearest\": from that state; \"cold\": from the case's own fields
+start = \"auto\"
 # A parameter that is a velocity: what is taken is scaled by it
 # scale = \"{first}\"
 # A surrogate within the runs, with entries of m4gnSurrogate (docs/how-to/choose-snapshots.md)

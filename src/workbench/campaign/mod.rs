@@ -16,6 +16,7 @@ pub mod dakota;
 mod init;
 mod one;
 pub mod order;
+pub mod plan;
 pub mod record;
 mod report;
 mod run;
@@ -157,7 +158,7 @@ impl Campaign {
         record::state(&self.folder_of(unit), &self.made_from(unit))
     }
 
-    /// The finished runs but this one.
+    /// The finished runs but this one, nearest first.
     fn sisters(&self, unit: Unit) -> Result<Vec<Sister>> {
         let mut sisters = Vec::new();
         for row in (0..self.table.rows.len()).filter(|&row| row != unit.row) {
@@ -173,6 +174,7 @@ impl Campaign {
                 });
             }
         }
+        start::nearest_first(&mut sisters);
         Ok(sisters)
     }
 }

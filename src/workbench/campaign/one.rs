@@ -1,13 +1,14 @@
 //! One run, from a copy of the case to the file that says that it is done.
 
 use super::case::{self, AVERAGES, last_time};
-use super::record::{self, Cost, DONE, FAILED, Failure, Figure, Record, Started, State};
+use super::plan::Plan;
+use super::record::{self, Cost, DONE, FAILED, Failure, Figure, Record, State};
 use super::settings::Statistic;
-use super::start;
+use super::start::{self, Start};
 use super::{Campaign, Unit};
 use crate::compare::surrogate;
 use crate::generate::case::program;
-use crate::generate::process::Surroundings;
+use crate::generate::process::{Surroundings, ends, full};
 use crate::user_case::{averages, names};
 use m4gn_base::{Error, Result, files};
 use std::collections::BTreeMap;
@@ -61,7 +62,9 @@ pub fn one(
         Err(Error::Interrupted(e)) => Err(Error::Interrupted(e)),
         Err(e) => {
             let failure = Failure { message: e.to_string(), made_from: campaign.made_from(unit) };
-            record::write(&folder.join(FAILED), &failure)?;
+            // Where it cannot be kept the run is missing, and made again
+            record::write(&folder.join(FAILED), &failure)
+                .map_err(|kept| Error::Input(format!("{e}; {kept}")))?;
             Err(e)
         }
     }
@@ -90,19 +93,19 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
     };
     let place = settings.scale.as_ref().and_then(|s| campaign.table.parameters.iter().position(|p| p == s));
     let scale = place.map(|i| (campaign.table.parameters[i].as_str(), row.values[i].as_str()));
-    let duration = settings.end_time.unwrap_or(source.end) - source.start;
-    let stored = match unit.check {
-        true => None,
-        false => start::stored(settings.start, &campaign.sisters(unit)?, scale, duration),
-    };
-    source.copy(case, settings, &case::parameters(&campaign.table, row), unit.check, stored)?;
+    let sisters = if unit.check { Vec::new() } else { campaign.sisters(unit)? };
+    let asked = if unit.check { Start::Cold } else { settings.start };
+    let plan = Plan::new(asked, &sisters);
+    source.copy(case, settings, &case::parameters(&campaign.table, row), unit.check)?;
     settings.prepare.iter().try_for_each(|command| limit(tools.run(case, command)))?;
     let mut cost = Cost { prepare: clock.lap()?, ..Cost::default() };
 
-    let started = match unit.check {
-        true => Started { kind: "cold".into(), ..Started::default() },
-        false => start::make(settings.start, case, campaign.sisters(unit)?, scale, tools)?,
-    };
+    let mesh = if asked == Start::Cold { String::new() } else { start::mesh(case)? };
+    let started = start::make(&plan, (case, &mesh), &sisters, scale, tools)?;
+    let stored = plan.stored(&mesh, &sisters, scale);
+    if let Some(stored) = stored {
+        source.store(case, stored, None)?;
+    }
     let mut solver = settings.solver.clone();
     if settings.ranks > 1 {
         limit(tools.run(case, &["decomposePar", "-force"]))?;
@@ -112,23 +115,32 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
     cost.start = clock.lap()?;
     limit(tools.run(case, &solver))?;
     cost.solver = clock.lap()?;
+    let log = case.join(format!("log.{}", program(&solver)));
+    let (quantities, period) = figures(campaign, case, &log)?;
+    let end_time = ended(case, source.start, &log)?.1;
+    cost.start += clock.lap()?;
+    let behind = plan.behind(&mesh, &sisters, period, end_time - source.start).filter(|_| stored.is_none());
+    if let Some(stored) = behind {
+        let kept = log.with_extension("answer");
+        let moved = |from: &Path, to: &Path| {
+            fs::rename(from, to).map_err(|e| Error::file(from, format!("cannot be renamed: {e}")))
+        };
+        moved(&log, &kept)?;
+        source.store(case, stored, Some(end_time))?;
+        limit(tools.run(case, &solver))?;
+        moved(&log, &case.join("log.states"))?;
+        moved(&kept, &log)?;
+    }
     if settings.ranks > 1 {
-        let last: &[&str] = if stored.is_some() { &[] } else { &["-latestTime"] };
+        let last: &[&str] = if stored.or(behind).is_some() { &[] } else { &["-latestTime"] };
         limit(tools.run(case, &[&["reconstructPar"], last].concat()))?;
         for name in names(case)?.iter().filter(|n| n.starts_with("processor")) {
             let _ = fs::remove_dir_all(case.join(name));
         }
-        cost.start += clock.lap()?;
     }
-
-    let log = case.join(format!("log.{}", program(&solver)));
-    let Some((last, end_time)) = last_time(case, source.start)? else {
-        return Err(Error::file(
-            &log,
-            format!("expected fields behind time {} from the run, found none", source.start),
-        ));
-    };
-    let (quantities, period) = figures(campaign, case, &log)?;
+    cost.states = clock.lap()?;
+    let last = ended(case, source.start, &log)?.0;
+    whole(&case.join(&last))?;
     if let Some(found) = surrogate::read(case)? {
         cost.surrogate = ["surrogate_seconds", "hand_over_seconds"]
             .iter()
@@ -144,9 +156,34 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
         end_time,
         last,
         period,
+        mesh,
         cost,
         made_from: campaign.made_from(unit),
     })
+}
+
+/// Name and value of the last time of a run, which is in the folders of its ranks until it is reconstructed.
+fn ended(case: &Path, start: f64, log: &Path) -> Result<(String, f64)> {
+    let ranks = case.join("processor0");
+    last_time(if ranks.is_dir() { &ranks } else { case }, start)?.ok_or_else(|| {
+        Error::file(log, format!("expected fields behind time {start} from the run, found none"))
+    })
+}
+
+/// Refuses a state with a file that is cut off: solvers do not look whether the disk has taken what they write.
+fn whole(state: &Path) -> Result<()> {
+    for path in names(state)?.iter().map(|name| state.join(name)).filter(|p| p.is_file()) {
+        // The name of the format is behind a banner
+        let text = ends(&path, 4096);
+        if text.is_empty() || text.contains("FoamFile") && !text.trim_end().ends_with("//") {
+            let hint = full(state);
+            return Err(Error::file(
+                &path,
+                format!("is cut off: expected the line that ends a file of OpenFOAM{hint}"),
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Removes what an earlier run has left. Programs of one that was killed may need a moment to be gone.
@@ -221,6 +258,20 @@ fn processor_seconds() -> Result<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_state_that_is_cut_off_is_none() {
+        let dir = tempfile::tempdir().unwrap();
+        let text = " ".repeat(600) + "FoamFile { object U; }\ninternalField uniform 0;\n// *** //\n\n";
+        for (name, text) in [("U", text.as_str()), ("note", "not of OpenFOAM")] {
+            fs::write(dir.path().join(name), text).unwrap();
+        }
+        whole(dir.path()).unwrap();
+        for cut in [0, 640] {
+            fs::write(dir.path().join("p"), &text[..cut]).unwrap();
+            assert!(whole(dir.path()).unwrap_err().to_string().contains("p: is cut off: expected the line"));
+        }
+    }
 
     #[test]
     fn what_programs_take_is_counted() {

@@ -23,13 +23,16 @@ pub struct Record {
     pub start: Started,
     /// Each figure.
     pub quantities: BTreeMap<String, Figure>,
-    /// Time of its last state, s.
+    /// Time at which it ended, s.
     pub end_time: f64,
     /// Name of that state's folder in the run's case.
     pub last: String,
     /// Longest period of its figures, s, where one oscillates.
     #[serde(default)]
     pub period: Option<f64>,
+    /// Digest of its mesh; empty of a run that asks for no start.
+    #[serde(default)]
+    pub mesh: String,
     /// What it took.
     pub cost: Cost,
     /// All that it was made from.
@@ -47,7 +50,10 @@ pub struct Started {
     pub ratio: Option<f64>,
     /// Whether it was mapped onto another mesh.
     pub mapped: bool,
-    /// Why it was not what was asked for.
+    /// Distance of the nearest finished run in the parameters, each of which goes from 0 to 1; none: there was none.
+    #[serde(default)]
+    pub far: Option<f64>,
+    /// Why it was this one.
     pub note: Option<String>,
 }
 
@@ -84,12 +90,15 @@ impl std::fmt::Display for Figure {
 pub struct Cost {
     /// Of the mesh and the first fields.
     pub prepare: f64,
-    /// Of mapping a sister's state, and of decomposing and reconstructing.
+    /// Of taking what it starts from, and of decomposing.
     pub start: f64,
     /// Of the solver with all that rides in it.
     pub solver: f64,
     /// Of these, those of the surrogate's strides and of handing states over (wall time).
     pub surrogate: f64,
+    /// Of going on behind its end for states that its sisters may take, and of reconstructing.
+    #[serde(default)]
+    pub states: f64,
     /// Wall time of everything, s.
     pub wall: f64,
 }
@@ -97,7 +106,12 @@ pub struct Cost {
 impl Cost {
     /// Processor seconds of everything.
     pub fn total(&self) -> f64 {
-        self.prepare + self.start + self.solver
+        self.prepare + self.to_answer() + self.states
+    }
+
+    /// Those that depend on the start.
+    pub fn to_answer(&self) -> f64 {
+        self.start + self.solver
     }
 }
 
@@ -185,12 +199,13 @@ mod tests {
                 sister: Some("b".into()),
                 ratio: Some(1.25),
                 mapped: true,
-                note: None,
+                ..Started::default()
             },
             quantities: BTreeMap::new(),
             end_time: 2.0,
             last: "2".into(),
             period: None,
+            mesh: String::new(),
             cost: Cost::default(),
             made_from: of("1"),
         };

@@ -53,7 +53,6 @@ pub fn report(campaign: &Campaign) -> Result<Report> {
                         unknown.join(", ")
                     ));
                 }
-                notes.extend(record.start.note.iter().map(|note| format!("{name}: {note}")));
                 runs.push(Run { name, unit, record: *record });
             }
             State::Stale(what) => {
@@ -285,20 +284,32 @@ fn balance(own: &[f64], checks: &[f64]) -> Option<Balance> {
 }
 
 fn cost(campaign: &Campaign, runs: &[Run]) -> Table {
-    let own = ["start", "end time [s]", "prepare", "start [s]", "solver", "of it surrogate", "wall [s]"];
+    let own = [
+        "start",
+        "why",
+        "end time [s]",
+        "prepare",
+        "start [s]",
+        "solver",
+        "of it surrogate",
+        "states",
+        "wall [s]",
+    ];
     let parameters = campaign.table.parameters.iter().map(String::as_str);
     let mut table = Table::new(["run"].into_iter().chain(parameters).chain(own));
     for Run { name, unit, record: r } in runs {
         let c = &r.cost;
         let mut row = vec![name.clone()];
         row.extend(campaign.table.rows[unit.row].values.iter().cloned());
-        row.push(r.start.to_string());
-        row.extend([r.end_time, c.prepare, c.start, c.solver, c.surrogate, c.wall].map(|v| number(v, 3)));
+        row.extend([r.start.to_string(), r.start.note.clone().unwrap_or_default()]);
+        row.extend(
+            [r.end_time, c.prepare, c.start, c.solver, c.surrogate, c.states, c.wall].map(|v| number(v, 3)),
+        );
         table.row(row);
     }
     let mut sum = vec!["all".to_string()];
     sum.extend(campaign.table.parameters.iter().map(|_| String::new()));
-    sum.extend(["".to_string(), "".to_string()]);
+    sum.extend(["".to_string(), "".to_string(), "".to_string()]);
     let total =
         |of: fn(&super::record::Cost) -> f64| number(runs.iter().map(|r| of(&r.record.cost)).sum(), 3);
     sum.extend([
@@ -306,6 +317,7 @@ fn cost(campaign: &Campaign, runs: &[Run]) -> Table {
         total(|c| c.start),
         total(|c| c.solver),
         total(|c| c.surrogate),
+        total(|c| c.states),
         total(|c| c.wall),
     ]);
     table.row(sum);
@@ -327,6 +339,7 @@ mod tests {
             end_time: 1.0,
             last: "1".into(),
             period: None,
+            mesh: String::new(),
             cost: Cost::default(),
             made_from: Default::default(),
         };

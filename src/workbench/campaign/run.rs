@@ -238,7 +238,7 @@ fn duration(seconds: f64) -> String {
 /// # Errors
 /// [`Error::File`] for a record that is damaged.
 pub fn status(campaign: &Campaign) -> Result<(Table, usize)> {
-    let mut table = Table::new(["run", "state", "start", "end [s]", "processor [s]"]);
+    let mut table = Table::new(["run", "state", "start", "why", "end [s]", "processor [s]"]);
     let mut there = 0;
     for unit in campaign.units() {
         let folder = campaign.folder_of(unit);
@@ -255,6 +255,7 @@ pub fn status(campaign: &Campaign) -> Result<(Table, usize)> {
             campaign.name(unit),
             state,
             of(&|r| r.start.to_string()),
+            of(&|r| r.start.note.clone().unwrap_or_default()),
             of(&|r| number(r.end_time, 4)),
             of(&|r| number(r.cost.total(), 3)),
         ]);

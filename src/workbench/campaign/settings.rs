@@ -224,7 +224,7 @@ mod tests {
         let s = read(GOOD).unwrap();
         assert!(s.case.ends_with("../cavity") && s.case.is_absolute());
         assert_eq!((s.ranks, s.jobs, s.held_out, s.stop), (1, 1, 0.1, true));
-        assert_eq!((s.start, s.quantity[0].statistic), (Start::Cycle, Statistic::Mean));
+        assert_eq!((s.start, s.quantity[0].statistic), (Start::Auto, Statistic::Mean));
         s.check_quantities(Path::new("c")).unwrap();
     }
 
@@ -240,7 +240,7 @@ mod tests {
             (
                 "scale = \"U\"",
                 "start = \"warm\"",
-                "unknown variant `warm`, expected one of `cold`, `nearest`, `cycle`",
+                "unknown variant `warm`, expected one of `cold`, `nearest`, `auto`",
             ),
             ("relative = 0.01", "relative = 0.01\ntolerance = 1.0", "found both"),
             ("relative = 0.01", "relative = -1", "expected a positive number"),

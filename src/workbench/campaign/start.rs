@@ -2,6 +2,7 @@
 
 use super::case::write;
 use super::cycle::{self, Cycle};
+use super::plan::{Kind, Plan};
 use super::record::{Record, Started};
 use super::table::number;
 use crate::digest::Digest;
@@ -12,7 +13,7 @@ use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Starts that a campaign can ask for. Another one is a variant, and its arm in [`make`].
+/// Starts that a campaign can ask for. Another one is a variant, and its arm in [`super::plan::Plan::new`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Start {
@@ -20,9 +21,9 @@ pub enum Start {
     Cold,
     /// The last state of the finished run that is nearest in its parameters; the case's own fields while there is none.
     Nearest,
-    /// The limit cycles of the finished runs around it, interpolated at one phase; as `Nearest` while there are none.
+    /// Of [`Kind`] what finished runs show to pay, else the case's own fields.
     #[default]
-    Cycle,
+    Auto,
 }
 
 /// A finished run that another may start from.
@@ -39,9 +40,14 @@ pub struct Sister {
 }
 
 impl Sister {
-    fn far(&self) -> f64 {
+    pub(super) fn far(&self) -> f64 {
         length(&self.offset)
     }
+}
+
+/// Sorts runs, the nearest first.
+pub fn nearest_first(sisters: &mut [Sister]) {
+    sisters.sort_by(|a, b| a.far().total_cmp(&b.far()));
 }
 
 /// A run's velocity: name and value of the parameter.
@@ -57,59 +63,54 @@ pub fn offset(from: &[f64], to: &[f64]) -> Vec<f64> {
     from.iter().zip(to).map(|(a, b)| b - a).collect()
 }
 
-/// Time between two states that a run stores for its sisters, and how many it keeps; none: it stores its last one.
+/// Puts the fields that a run is to start from into the first time of its case, whose mesh has this digest. `sisters`: nearest first. `scale`: the
+/// parameter that is a velocity, and its value.
 ///
-/// A run whose nearest sister oscillates stores a period's states, the first run of a campaign some of its end.
-pub fn stored(start: Start, sisters: &[Sister], scale: Scale<'_>, duration: f64) -> Option<(f64, usize)> {
-    let nearest = sisters.iter().min_by(|a, b| a.far().total_cmp(&b.far()));
-    let period = match nearest {
-        None => None,
-        Some(sister) => Some(sister.record.period? / ratio(scale, &sister.record).unwrap_or(1.0).abs()),
-    };
-    (start == Start::Cycle).then(|| cycle::stored(period, duration))
-}
-
-/// Puts the fields that a run is to start from into the first time of its case, whose mesh is made. `scale`: the parameter that is a velocity,
-/// and its value.
-///
-/// A start that cannot be had is the case's own, with a note that says why.
+/// A start that cannot be had is followed by the next one, at last the case's own, with a note that says why.
 ///
 /// # Errors
 /// [`Error::Interrupted`] when the user stops.
 pub fn make(
-    start: Start,
-    case: &Path,
-    mut sisters: Vec<Sister>,
+    plan: &Plan,
+    (case, own): (&Path, &str),
+    sisters: &[Sister],
     scale: Scale<'_>,
     tools: &Surroundings,
 ) -> Result<Started> {
-    let cold = |note: Option<String>| Started { kind: "cold".into(), note, ..Started::default() };
-    sisters.sort_by(|a, b| a.far().total_cmp(&b.far()));
-    if start == Start::Cold {
-        return Ok(cold(None));
-    }
-    let Some(sister) = sisters.first() else {
-        return Ok(cold(Some("no sister is finished".into())));
-    };
-    let mut note = None;
-    if start == Start::Cycle {
-        match cycles(case, &sisters, scale) {
-            Ok(Some(started)) => return Ok(started),
+    let far = sisters.first().map(Sister::far);
+    let mut notes = Vec::new();
+    for (kind, why) in &plan.kinds {
+        let made = match (kind, sisters) {
+            (Kind::Cycle, _) => cycles((case, own), sisters, scale),
+            (Kind::Nearest, [sister, ..]) => nearest((case, own), sister, scale, tools).map(Some),
+            (Kind::Nearest, []) => Ok(None),
+        };
+        match made {
+            Ok(Some(started)) => {
+                notes.extend(why.clone());
+                return Ok(Started { far, note: said(notes), ..started });
+            }
             Ok(None) => {}
             Err(Error::Interrupted(e)) => return Err(Error::Interrupted(e)),
-            Err(e) => note = Some(format!("the cycles of its sisters cannot be taken: {e}")),
+            Err(e) => notes.push(format!("{} cannot be taken: {e}", kind.name())),
         }
     }
-    match nearest(case, sister, scale, tools) {
-        Ok(started) => Ok(Started { note, ..started }),
-        Err(Error::Interrupted(e)) => Err(Error::Interrupted(e)),
-        Err(e) => Ok(cold(Some(format!("the state of {} cannot be taken: {e}", sister.record.case_name)))),
-    }
+    notes.extend(plan.cold.clone());
+    Ok(Started { kind: "cold".into(), far, note: said(notes), ..Started::default() })
 }
 
-fn nearest(case: &Path, sister: &Sister, scale: Scale<'_>, tools: &Surroundings) -> Result<Started> {
+fn said(notes: Vec<String>) -> Option<String> {
+    (!notes.is_empty()).then(|| notes.join("; "))
+}
+
+fn nearest(
+    (case, own): (&Path, &str),
+    sister: &Sister,
+    scale: Scale<'_>,
+    tools: &Surroundings,
+) -> Result<Started> {
     let own_ratio = ratio(scale, &sister.record)?;
-    let mapped = mesh(case)? != mesh(&sister.case)?;
+    let mapped = own != sister.record.mesh;
     taken(case, |first| {
         let from = |folder: PathBuf| {
             take(&mut FoamCase::open(case)?, &[Source { folder, weight: 1.0, ratio: own_ratio }])
@@ -137,7 +138,7 @@ fn nearest(case: &Path, sister: &Sister, scale: Scale<'_>, tools: &Surroundings)
         sister: Some(sister.record.case_name.clone()),
         ratio: scale.map(|_| own_ratio),
         mapped,
-        note: None,
+        ..Started::default()
     })
 }
 
@@ -167,15 +168,14 @@ fn take(case: &mut FoamCase, sources: &[Source]) -> Result<()> {
 
 /// The start from the cycles of the runs around a run, the nearest first; none where they lie not around it, are of other meshes, or are no
 /// cycles.
-fn cycles(case: &Path, sisters: &[Sister], scale: Scale<'_>) -> Result<Option<Started>> {
-    let own = mesh(case)?;
+fn cycles((case, own): (&Path, &str), sisters: &[Sister], scale: Scale<'_>) -> Result<Option<Started>> {
     let all: Vec<&Sister> = sisters.iter().filter(|s| s.same_words).collect();
     let offsets: Vec<Vec<f64>> = all.iter().map(|s| s.offset.clone()).collect();
     let most = cycle::looked_at(cycle::spanned(&offsets).first().map_or(0, Vec::len));
     let (mut some, mut folders) = (Vec::new(), Vec::new());
     for sister in all {
         let (Some(period), true) = (sister.record.period, some.len() < most) else { continue };
-        if mesh(&sister.case)? == own {
+        if sister.record.mesh == own {
             let (times, of_it) = states(&sister.case)?;
             some.push((sister, period, times, folders.len()));
             folders.extend(of_it);
@@ -221,7 +221,7 @@ fn first_fields(case: &Path) -> Result<PathBuf> {
 }
 
 /// The run's value of the velocity over the sister's; 1 of none.
-fn ratio(scale: Scale<'_>, sister: &Record) -> Result<f64> {
+pub(super) fn ratio(scale: Scale<'_>, sister: &Record) -> Result<f64> {
     let Some((name, value)) = scale else { return Ok(1.0) };
     let theirs = sister.parameters.get(name).map_or("", String::as_str);
     match (number(value), number(theirs)) {
@@ -232,8 +232,11 @@ fn ratio(scale: Scale<'_>, sister: &Record) -> Result<f64> {
     }
 }
 
-/// Digest of a mesh.
-fn mesh(case: &Path) -> Result<String> {
+/// Digest of a case's mesh.
+///
+/// # Errors
+/// [`Error::File`] for a mesh that cannot be read.
+pub fn mesh(case: &Path) -> Result<String> {
     let folder = case.join("constant/polyMesh");
     let mut files = names(&folder)?;
     files.retain(|n| {
@@ -248,10 +251,32 @@ fn mesh(case: &Path) -> Result<String> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
+    use crate::campaign::record::Cost;
 
     static GO: std::sync::atomic::AtomicU8 = std::sync::atomic::AtomicU8::new(0);
+
+    /// A finished run at a place, of this kind and cost, whose nearest one was so far.
+    pub fn at(place: f64, kind: &str, cost: f64, far: Option<f64>) -> Sister {
+        Sister {
+            record: Record {
+                case_name: format!("at {place}"),
+                parameters: [("U".to_string(), place.to_string())].into(),
+                start: Started { kind: kind.into(), far, ..Started::default() },
+                quantities: Default::default(),
+                end_time: 1.0,
+                last: "1".into(),
+                period: Some(0.25),
+                mesh: "m".into(),
+                cost: Cost { solver: cost, ..Cost::default() },
+                made_from: Default::default(),
+            },
+            case: PathBuf::new(),
+            offset: vec![place],
+            same_words: true,
+        }
+    }
 
     #[test]
     fn a_start_that_cannot_be_had_is_cold_and_says_why() {
@@ -262,29 +287,14 @@ mod tests {
             environment: Vec::new(),
         };
         let dir = tempfile::tempdir().unwrap();
-        let of = |sisters: Vec<Sister>, start: Start| {
-            make(start, dir.path(), sisters, Some(("U", "2")), &tools).unwrap()
+        let of = |sisters: &[Sister], start: Start| {
+            let case = (dir.path(), "another mesh");
+            make(&Plan::new(start, sisters), case, sisters, Some(("U", "2")), &tools).unwrap()
         };
-        let none = of(Vec::new(), Start::Nearest);
+        let none = of(&[], Start::Nearest);
         assert_eq!((none.kind.as_str(), none.note.as_deref()), ("cold", Some("no sister is finished")));
-        assert_eq!(of(Vec::new(), Start::Cold).note, None);
-        let sister = |u: &str| Sister {
-            record: Record {
-                case_name: "s".into(),
-                parameters: [("U".to_string(), u.to_string())].into(),
-                start: Started::default(),
-                quantities: Default::default(),
-                end_time: 1.0,
-                last: "1".into(),
-                period: None,
-                cost: Default::default(),
-                made_from: Default::default(),
-            },
-            case: dir.path().to_path_buf(),
-            offset: vec![0.1],
-            same_words: true,
-        };
-        let zero = of(vec![sister("0")], Start::Nearest);
+        assert_eq!(of(&[], Start::Cold).note, None);
+        let zero = of(&[at(0.0, "cold", 1.0, None)], Start::Nearest);
         assert!(zero.note.unwrap().contains("scale = \"U\": expected numbers other than 0, found 2 and 0"));
     }
 }
