@@ -268,10 +268,15 @@ sed -i 's/lid { .*/lid { type uniformFixedValue; uniformValue sine; uniformValue
     cavity/0/U
 runs m4gn campaign init cavity --out cycles --parameter Ulid=0.5,1,1.5,2,2.5 --parameter n=20
 quantity cycles
+# Five periods
+sed -i 's/^min_time = .*/min_time = 1.3/' cycles/campaign.toml
 runs m4gn campaign run --store cycles
 runs m4gn campaign report --store cycles
 [ "$(awk -F, '$(NF - 3) ~ /^cycle r0/ { print $1 }' cycles/results.csv | xargs)" = "r02 r04" ] ||
     { cat cycles/results.csv; fail "r02 and r04 are not the runs that began from cycles"; }
+# The first one went on for the states of its cycle
+[ -f cycles/runs/r03/case/log.states ] || fail "r03 has not gone on for a period"
+grep -q '"sister": ".*r03' cycles/runs/r02/done || { cat cycles/runs/r02/done; fail "r02 has nothing of r03"; }
 by_itself 1
 plain=$(awk '!/^#/ && $1 > 1 { sum += $2; ++n } END { print sum/n }' postProcessing/mean/0/volFieldValue.dat)
 cd ..

@@ -41,7 +41,7 @@ impl Plan {
     /// Of the finished runs, nearest first.
     ///
     /// A kind pays where the median of what its runs took, each over what the nearest cold run took, is below 1. It is tried until two runs have begun
-    /// so, and again where none has begun from as near as twice the distance of this run's nearest sister.
+    /// so, and again, where no other pays, if none has begun from as near as twice the distance of this run's nearest sister.
     pub fn new(start: Start, sisters: &[Sister]) -> Plan {
         let mut kinds = match start {
             Start::Cold => Vec::new(),
@@ -62,8 +62,11 @@ impl Plan {
                     .collect();
                 let mut some: Vec<(Kind, Option<f64>)> =
                     judged.into_iter().filter(|(_, share)| share.is_none_or(|s| s < 1.0)).collect();
-                // Those that are tried first
-                some.sort_by(|a, b| a.1.unwrap_or(0.0).total_cmp(&b.1.unwrap_or(0.0)));
+                // Those that are new, those that pay, those that may now
+                let place = |(kind, share): &(Kind, Option<f64>)| {
+                    share.unwrap_or(if of(*kind, sisters).count() < TRIED { 0.0 } else { 1.0 })
+                };
+                some.sort_by(|a, b| place(a).total_cmp(&place(b)));
                 let why = |share: Option<f64>| Some(share.map_or("tried".to_string(), words));
                 kinds = some.into_iter().map(|(kind, share)| (kind, why(share))).collect();
                 cold = (!all.is_empty()).then(|| all.join(", "));
@@ -98,17 +101,21 @@ impl Plan {
     }
 }
 
+/// Those that began so.
+fn of(kind: Kind, sisters: &[Sister]) -> impl Iterator<Item = &Sister> {
+    sisters.iter().filter(move |s| s.record.start.kind == kind.name())
+}
+
 /// What runs of a kind took, of what the cold run took that was nearest to each; none: it is to be tried. `far`: how far the run's nearest sister is.
 fn share(kind: Kind, sisters: &[Sister], far: f64) -> Option<f64> {
-    let of = |name: &'static str| sisters.iter().filter(move |s| s.record.start.kind == name);
     let cost = |s: &Sister| s.record.cost.to_answer().max(0.01);
-    let shares =
-        of(kind.name()).filter(|s| s.record.start.far.is_some_and(|f| f <= 2.0 * far)).filter_map(|s| {
-            let away = |other: &&Sister| length(&offset(&s.offset, &other.offset));
-            let cold = of("cold").min_by(|a, b| away(a).total_cmp(&away(b)))?;
-            Some(cost(s) / cost(cold))
-        });
-    median(shares).filter(|_| of(kind.name()).count() >= TRIED)
+    let near = of(kind, sisters).filter(|s| s.record.start.far.is_some_and(|f| f <= 2.0 * far));
+    let shares = near.filter_map(|s| {
+        let away = |other: &&Sister| length(&offset(&s.offset, &other.offset));
+        let cold = sisters.iter().filter(|s| s.record.start.kind == "cold");
+        Some(cost(s) / cost(cold.min_by(|a, b| away(a).total_cmp(&away(b)))?))
+    });
+    median(shares).filter(|_| of(kind, sisters).count() >= TRIED)
 }
 
 #[cfg(test)]
@@ -158,6 +165,11 @@ mod tests {
         assert_eq!(tried(&mut all).0, first);
         all.reverse();
         assert_eq!(tried(&mut all).0, first, "whatever the order of the records");
+        // No run of the nearest state began from as near as this, and cycles pay
+        for s in all.iter_mut().filter(|s| s.record.start.kind == "nearest") {
+            s.record.start.far = Some(1.5);
+        }
+        assert_eq!(tried(&mut all).0, ["cycle took 0.80 of a cold run", "nearest tried"]);
     }
 
     #[test]

@@ -111,12 +111,12 @@ fn nearest(
 ) -> Result<Started> {
     let own_ratio = ratio(scale, &sister.record)?;
     let mapped = own != sister.record.mesh;
-    taken(case, |first| {
-        let from = |folder: PathBuf| {
-            take(&mut FoamCase::open(case)?, &[Source { folder, weight: 1.0, ratio: own_ratio }])
-        };
+    let mut open = FoamCase::open(case)?;
+    let first = open.start_folder();
+    let of = |folder: PathBuf| [Source { folder, weight: 1.0, ratio: own_ratio }];
+    taken(case, &first, || {
         if !mapped {
-            return from(sister.case.join(&sister.record.last));
+            return take(&mut open, &of(sister.case.join(&sister.record.last)));
         }
         // Only cells are mapped: the values of boundaries are the run's own
         write(
@@ -130,7 +130,7 @@ fn nearest(
         )?;
         match scale {
             None => Ok(()),
-            Some(_) => from(first.to_path_buf()),
+            Some(_) => take(&mut FoamCase::open(case)?, &of(first.clone())),
         }
     })?;
     Ok(Started {
@@ -142,15 +142,15 @@ fn nearest(
     })
 }
 
-/// Changes the fields that a case begins with; what is half changed is put back.
-fn taken(case: &Path, change: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
-    let (first, kept) = (first_fields(case)?, case.join("start.cold"));
-    copy_all(&first, &kept)?;
-    let done = change(&first);
+/// Changes the fields that a case begins with, which are in `first`; what is half changed is put back.
+fn taken(case: &Path, first: &Path, change: impl FnOnce() -> Result<()>) -> Result<()> {
+    let kept = case.join("start.cold");
+    copy_all(first, &kept)?;
+    let done = change();
     if done.is_err() {
-        std::fs::remove_dir_all(&first)
-            .and_then(|()| std::fs::rename(&kept, &first))
-            .map_err(|e| Error::file(&first, format!("cannot be put back: {e}")))?;
+        std::fs::remove_dir_all(first)
+            .and_then(|()| std::fs::rename(&kept, first))
+            .map_err(|e| Error::file(first, format!("cannot be put back: {e}")))?;
     }
     let _ = std::fs::remove_dir_all(&kept);
     done
@@ -203,21 +203,14 @@ fn cycles((case, own): (&Path, &str), sisters: &[Sister], scale: Scale<'_>) -> R
         let of_it = folders[*from..].iter().zip(cycle.weights(*phase));
         sources.extend(of_it.map(|(folder, w)| Source { folder: folder.clone(), weight: share * w, ratio }));
     }
-    taken(case, |_| take(&mut open, &sources))?;
+    taken(case, &open.start_folder(), || take(&mut open, &sources))?;
     let names: Vec<&str> = known.iter().map(|k| k.0.record.case_name.as_str()).collect();
     Ok(Some(Started { kind: "cycle".into(), sister: Some(names.join(" ")), ..Started::default() }))
 }
 
-/// Times and folders of the states that a run has stored, in order, without the one that it began with.
+/// Times and folders of the states that a run has stored, in order, without the one that it began with, which is the first.
 fn states(case: &Path) -> Result<(Vec<f64>, Vec<PathBuf>)> {
-    let first = first_fields(case)?;
-    let all = times(case)?.into_iter().map(|(name, t)| (t, case.join(name)));
-    Ok(all.filter(|(_, folder)| *folder != first).unzip())
-}
-
-/// The folder of the fields that a case begins with.
-fn first_fields(case: &Path) -> Result<PathBuf> {
-    Ok(FoamCase::open(case)?.start_folder())
+    Ok(times(case)?.into_iter().skip(1).map(|(name, t)| (t, case.join(name))).unzip())
 }
 
 /// The run's value of the velocity over the sister's; 1 of none.
