@@ -7,7 +7,7 @@ set -euo pipefail
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 packages=(
-    libpetsc-real3.18-dev libpetsc-real-dev libslepc-real3.18-dev
+    libpetsc-real-dev libslepc-real-dev
     libopenmpi-dev openmpi-bin libhdf5-openmpi-dev libmetis-dev
     libopenblas0-pthread libopenblas-dev
     gmsh g++ make cmake ninja-build pkg-config libclang-dev bzip2 ca-certificates
@@ -17,10 +17,10 @@ if [ "${1:-all}" = all ]; then packages+=(python3 python3-pip python3-venv clang
 if [ "${1:-all}" = solids4foam ]; then packages+=(libeigen3-dev); fi
 if [ "${1:-all}" = package ]; then packages+=(dpkg-dev file); fi
 
-# package:upstream series that m4gn is built and tested with
+# package:upstream series that m4gn is built and tested with, those of Debian 12 and of Debian 13
 series=(
-    openfoam:1912 libpetsc-real3.18-dev:3.18 libslepc-real3.18-dev:3.18 libopenmpi-dev:4.1
-    libhdf5-openmpi-dev:1.10 libmetis-dev:5.1 gmsh:4.8
+    openfoam:1912 libpetsc-real-dev:3.18,3.22 libslepc-real-dev:3.18,3.22 libopenmpi-dev:4.1,5.0
+    libhdf5-openmpi-dev:1.10,1.14 libmetis-dev:5.1,5.2 gmsh:4.8,4.13
 )
 
 missing() {
@@ -58,10 +58,8 @@ check_series() {
     for entry in "${series[@]}"; do
         package=${entry%%:*} expected=${entry#*:}
         version=$(dpkg-query -W -f '${Version}' "$package" 2>/dev/null) || continue
-        case ${version#*:} in
-            "$expected" | "$expected"[.+~-]*) ;;
-            *) warn "$package is $version, and m4gn is tested with $expected.x: it may not build or behave the same" ;;
-        esac
+        printf '%s\n' "${version#*:}" | grep -qE "^(${expected//,/|})([.+~-]|$)" ||
+            warn "$package is $version, and m4gn is tested with ${expected//,/ and }: it may not build or behave the same"
     done
 }
 
@@ -79,6 +77,6 @@ if [ ${#wanted[@]} -gt 0 ]; then
     step "Debian packages (${#wanted[@]})" install_packages "${wanted[@]}" ||
         die "apt-get could not install: ${wanted[*]}" \
             "As root, type: apt-get update && apt-get install --no-install-recommends ${wanted[*]}" \
-            "and then run this again. m4gn is made for Debian 12 (bookworm), component main."
+            "and then run this again. m4gn is made for Debian 12 (bookworm) and 13 (trixie), component main."
 fi
 check_series

@@ -25,7 +25,7 @@ pub const LIBRARY: Description = Description {
     file: "libm4gn_slepc.so",
     prefix: "m4gn_slepc",
     version: 2,
-    remedy: "It computes modes with PETSc and SLEPc (Debian: libslepc-real3.18, libpetsc-real3.18) and is built by \
+    remedy: "It computes modes with PETSc and SLEPc (Debian: libslepc-real, libpetsc-real) and is built by \
              setup/build.sh; runs with stored segments, or with segments of METIS alone, need none",
     global: false,
 };

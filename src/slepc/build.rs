@@ -6,7 +6,7 @@ fn main() {
     println!("cargo:rustc-cdylib-link-arg=-Wl,-soname,libm4gn_slepc.so");
     println!("cargo:rerun-if-changed=wrapper.h");
     let [slepc, petsc, mpi] =
-        [("slepc", "libslepc-real3.18-dev"), ("petsc", "libpetsc-real-dev"), ("ompi-c", "libopenmpi-dev")]
+        [("slepc", "libslepc-real-dev"), ("petsc", "libpetsc-real-dev"), ("ompi-c", "libopenmpi-dev")]
             .map(|(name, package)| {
                 pkg_config::Config::new().cargo_metadata(false).probe(name).unwrap_or_else(|e| {
             panic!("{name} was not found through pkg-config: {e}\nInstall {package} or run setup/debian.sh")
