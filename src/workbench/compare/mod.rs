@@ -13,6 +13,7 @@ pub mod log;
 mod mapping;
 pub mod motion;
 mod pairing;
+mod phase;
 pub mod reaction;
 mod report;
 mod series;
@@ -20,6 +21,7 @@ pub mod surrogate;
 mod tables;
 
 pub use cost::Cost;
+pub use phase::PhaseFree;
 pub use series::Statistics;
 pub use tables::Probe;
 
@@ -73,6 +75,8 @@ pub struct Comparison {
     /// Errors of the velocity, m/s, or of a solid's displacement, m.
     #[serde(skip)]
     pub headline: FieldErrors,
+    /// What is left of the headline's error at the last time where a shift in time is taken out; none: the full run does not repeat itself.
+    pub phase_free: Option<PhaseFree>,
     /// The other fields that both runs stored at all times.
     pub fields: BTreeMap<String, FieldErrors>,
     /// Drag and lift of a flow; none: no forces were compared.
@@ -173,6 +177,22 @@ pub fn compare(
         true => Some(Motion::new(a, options, &displacements, (takeover, &times), &headline)?),
         false => None,
     };
+    let forces = forces.map(|f| f.finish([a.description(), b.description()], takeover, &times));
+    let period = match (&forces, &motion) {
+        (Some(forces), _) => forces.frequency[0],
+        (_, Some(motion)) => motion.frequency[0],
+        _ => None,
+    };
+    let phase_free = match (period.map(|frequency| 1.0 / frequency), pairs.last()) {
+        (Some(period), Some(&(_, last))) => {
+            let from = times.partition_point(|t| *t < times[times.len() - 1] - phase::PERIODS * period);
+            let of_a = pairs[from..].iter().map(|p| Ok(components(&a.vector_field(name, p.0)?, &directions)));
+            let fields = of_a.collect::<Result<Vec<_>>>()?;
+            let found = components(&mapping.vector(b.vector_field(name, last)?), &directions);
+            phase::nearest(&times[from..], &fields, &found, period)
+        }
+        _ => None,
+    };
     let comparison = Comparison {
         case_a: a.description().path.clone(),
         case_b: b.description().path.clone(),
@@ -181,7 +201,8 @@ pub fn compare(
         takeover,
         headline,
         fields: others.iter().map(|(n, t)| (n.to_string(), t.finish())).collect(),
-        forces: forces.map(|f| f.finish([a.description(), b.description()], takeover, &times)),
+        forces,
+        phase_free,
         probes: tables::probes([a.description(), b.description()], [takeover, f64::INFINITY]),
         motion,
         reaction: reaction.map(reaction::Track::finish),

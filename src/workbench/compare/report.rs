@@ -96,6 +96,17 @@ impl Comparison {
             });
         }
         notes.extend(self.replaced());
+        notes.extend(self.phase_free.map(|free| {
+            let [_, field, unit] = self.names();
+            let last = self.headline.error.last().copied().unwrap_or_default();
+            format!(
+                "the last {field} has an error of {} {unit}; {} {unit} of it are left from the full run's cycle, {} periods {} in phase",
+                number(last, 3),
+                number(free.error, 3),
+                number(free.shift.abs(), 2),
+                if free.shift < 0.0 { "late" } else { "early" },
+            )
+        }));
         notes.extend(self.forces.iter().flat_map(|f| f.notes(&self.times)));
         notes
     }

@@ -12,6 +12,8 @@ pub struct Score {
     pub jump: Option<f64>,
     /// The same over the whole run.
     pub end: Option<f64>,
+    /// Error of the last field from the full run's cycle, wherever in it, over that of holding; none where the full run has no cycle.
+    pub phase_free: Option<f64>,
     /// Times of the three, s after the takeover.
     pub horizons: [f64; 3],
     /// Errors at the three, RMSE over the stored times up to there, m/s (m of a displacement).
@@ -82,6 +84,7 @@ impl Score {
             first: ratio(places[0]),
             jump: ratio(places[1]),
             end: ratio(last),
+            phase_free: c.phase_free.filter(|_| hold[last] > 0.0).map(|p| p.error / hold[last]),
             horizons: places.map(|i| c.times[i] - c.takeover),
             errors: places.map(|i| rmse[i]),
             hold_last: places.map(|i| hold[i]),

@@ -18,7 +18,7 @@ fn score(run: &RunRecord) -> Option<&Score> {
     run.score.as_ref()
 }
 
-const FIGURES: [Figure; 19] = [
+const FIGURES: [Figure; 20] = [
     ("whole %", "whole", |d, r| percent(whole_time(d, r, |c| c.processor))),
     ("whole wall %", "whole_wall", |d, r| percent(whole_time(d, r, |c| c.wall))),
     ("ended s", "ended", |_, r| score(r)?.ended),
@@ -27,6 +27,7 @@ const FIGURES: [Figure; 19] = [
     ("first stride", "first", |_, r| score(r)?.first),
     ("first jump", "jump", |_, r| score(r)?.jump),
     ("end", "end", |_, r| score(r)?.end),
+    ("phase-free", "phase_free", |_, r| score(r)?.phase_free),
     ("D %", "displacement", |_, r| percent(score(r)?.displacement)),
     ("D/range %", "range", |_, r| percent(score(r)?.range)),
     ("cell %", "cell", |_, r| percent(score(r)?.cell)),
