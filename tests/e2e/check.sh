@@ -106,5 +106,5 @@ make_beam beam
 stress yes 1 1e-6
 rm -rf constant/polyMesh && mv 0 0.orig
 check 0 .
-says "the mesh is blockMesh's" 'handed over *D'
+says 'made ready by blockMesh' 'handed over *D'
 [ ! -e constant/polyMesh ] && [ ! -e 0 ] || fail "the case is not what it was"

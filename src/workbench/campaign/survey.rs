@@ -3,6 +3,7 @@
 use super::case::{PARAMETERS, Source};
 use super::sampling::{Parameter, Values};
 use super::table::number;
+use crate::user_case::script::{Commands, of_script};
 use crate::user_case::{has_mesh, mentions};
 use m4gn_base::{Error, Result, files};
 use std::path::Path;
@@ -11,17 +12,6 @@ use std::path::Path;
 const LONGEST: u64 = 1 << 20;
 /// Most lines that are shown.
 const SHOWN: usize = 12;
-
-/// The commands of a case.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Commands {
-    /// Before the solver.
-    pub prepare: Vec<Vec<String>>,
-    /// Whether the case's own script runs the solver on several ranks.
-    pub parallel: bool,
-    /// Lines of that script that are not understood.
-    pub unknown: Vec<String>,
-}
 
 /// The commands that come before the solver: of `Allrun.pre`, else of the lines of `Allrun` in the form of OpenFOAM's tutorials and those that copy
 /// files, else `blockMesh` where the case has its dictionary and no mesh, or one that depends on a parameter.
@@ -42,50 +32,6 @@ pub fn commands(source: &Source, parameters: &[Parameter]) -> Commands {
         }
     }
     Commands { prepare, ..Commands::default() }
-}
-
-/// Lines of a tutorial's script that are not commands for a run.
-const OF_SCRIPTS: [&str; 9] =
-    ["#", "cd ", "cd\t", ". ", "source ", "application=", "restore0Dir", "set ", "exit"];
-
-fn of_script(script: &str, application: &str) -> Commands {
-    let mut found = Commands::default();
-    for line in script.lines().map(str::trim) {
-        let mut words: Vec<&str> =
-            line.split_whitespace().take_while(|w| !w.starts_with(['#', '>'])).collect();
-        let Some(&first) = words.first() else { continue };
-        let copies = ["cp", "\\cp"].contains(&first) && words.len() > 2;
-        if copies && !line.contains(['$', '*', ';', '|', '&', '(', '"', '\'', '>', '{']) {
-            found.prepare.push(["cp"].iter().chain(&words[1..]).map(|w| w.to_string()).collect());
-            continue;
-        }
-        if !["runApplication", "runParallel"].contains(&first) {
-            if !OF_SCRIPTS.iter().any(|begin| line.starts_with(begin)) {
-                found.unknown.push(line.to_string());
-            }
-            continue;
-        }
-        words.remove(0);
-        while let Some(option) = words.first().filter(|w| w.starts_with('-')).copied() {
-            let value = ["-s", "-suffix", "-n", "-np", "-decomposeParDict"].contains(&option);
-            words.drain(..(1 + usize::from(value)).min(words.len()));
-        }
-        let program = words.first().copied().unwrap_or_default();
-        if program.contains("getApplication")
-            || program.contains("$application")
-            || program.contains("${application")
-            || program == application
-        {
-            found.parallel |= first == "runParallel";
-            break;
-        }
-        match program {
-            "decomposePar" | "" => found.parallel |= program == "decomposePar",
-            "reconstructPar" => {}
-            _ => found.prepare.push(words.iter().map(|w| w.to_string()).collect()),
-        }
-    }
-    found
 }
 
 /// Checks that some file of the case uses each parameter, and returns the files that use one without including [`PARAMETERS`].
@@ -177,18 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tutorial_s_script_is_understood_up_to_its_solver() {
-        let script = "#!/bin/sh\ncd ${0%/*} || exit 1\n. $WM_PROJECT_DIR/bin/tools/RunFunctions\n\nrestore0Dir\nrunApplication blockMesh\n\\cp a b\nmv a b\n\
-                      runApplication -s 1 topoSet -dict system/a # cells\nrunApplication decomposePar\nrunParallel $(getApplication)\nrunApplication \
-                      reconstructPar\n";
-        let found = of_script(script, "icoFoam");
-        let expected: Vec<Vec<String>> = vec![
-            vec!["blockMesh".into()],
-            ["cp", "a", "b"].map(String::from).into(),
-            vec!["topoSet".into(), "-dict".into(), "system/a".into()],
-        ];
-        assert_eq!(found, Commands { prepare: expected, parallel: true, unknown: vec!["mv a b".into()] });
-        assert!(!of_script("runApplication icoFoam\nrunApplication foamToVTK\n", "icoFoam").parallel);
+    fn commands_are_those_of_the_case_s_scripts() {
         let (_dir, own) = source(&[("Allrun.pre", ""), ("Allrun", "runApplication blockMesh")]);
         assert_eq!(commands(&own, &[]).prepare, [["./Allrun.pre"]]);
         let (_dir, block) = source(&[("system/blockMeshDict", "$n"), ("constant/polyMesh/faces", "")]);

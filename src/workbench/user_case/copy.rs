@@ -1,11 +1,12 @@
 //! A copy of a case that its solver can run in. No path in it leads out of it, so that nothing that runs there can write into the user's files.
 
+use super::script::of_script;
 use super::{
     LEFT_OUT, copy_all, entry, function_objects, has_mesh, header, log, mentions, names, read_all, time,
 };
 use crate::generate::openfoam::absolute;
 use crate::generate::process::{Surroundings, excerpt};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, files};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -152,7 +153,8 @@ impl Copy {
         Ok(())
     }
 
-    /// Makes what a run needs and the case does not have yet: the first fields of a tutorial, and a mesh that blockMesh makes.
+    /// Makes what a run needs and the case does not have yet: the first fields of a tutorial, and a mesh, by the commands of its `Allrun` before
+    /// the solver, else by `blockMesh`.
     fn complete(&mut self, tools: &Surroundings) -> Result<()> {
         let at = |name: &str| self.folder.join(name);
         if !at("0").exists() && at("0.orig").is_dir() && self.ranks == 0 {
@@ -162,15 +164,31 @@ impl Copy {
         if self.ranks > 0 || has_mesh(&self.folder) {
             return Ok(());
         }
-        if !["system/blockMeshDict", "constant/polyMesh/blockMeshDict"].iter().any(|f| at(f).is_file()) {
-            self.notes.push("it has no mesh, and no blockMeshDict: make its mesh first, as for a run (its Allrun, or Allrun.pre)".into());
-            return Ok(());
+        // What a path may lead to lies in the copy.
+        let stays = |c: &Vec<String>| !c.iter().any(|word| word.contains("..") || word.starts_with('/'));
+        let script = files::read_text(self.original.join("Allrun")).unwrap_or_default();
+        let mut commands = of_script(&script, &self.application).prepare;
+        commands.retain(stays);
+        if commands.is_empty() {
+            if !["system/blockMeshDict", "constant/polyMesh/blockMeshDict"].iter().any(|f| at(f).is_file()) {
+                let what = "it has no mesh, and no blockMeshDict: make its mesh first, as for a run (its Allrun, or Allrun.pre)";
+                self.notes.push(what.into());
+                return Ok(());
+            }
+            commands = vec![vec!["blockMesh".into()]];
         }
-        if let Err(e) = tools.run(&self.folder, &["blockMesh"]) {
-            let said = self.in_words_of_the_case(&log::words(&excerpt(&at("log.blockMesh")), &e));
-            return Err(Error::file(&self.original, format!("blockMesh makes no mesh of it: {said}")));
+        for command in &commands {
+            if let Err(e) = tools.run(&self.folder, command) {
+                let log = at(&format!("log.{}", command[0]));
+                let said = self.in_words_of_the_case(&log::words(&excerpt(&log), &e));
+                return Err(Error::file(
+                    &self.original,
+                    format!("{} makes no mesh of it: {said}", command.join(" ")),
+                ));
+            }
         }
-        self.notes.push("the mesh is blockMesh's".into());
+        let names: Vec<String> = commands.iter().map(|c| c.join(" ")).collect();
+        self.notes.push(format!("made ready by {}", names.join(", ")));
         Ok(())
     }
 

@@ -2,6 +2,7 @@
 
 mod copy;
 pub(crate) mod log;
+pub(crate) mod script;
 
 pub(crate) use copy::{Copy, Start};
 
@@ -44,16 +45,22 @@ pub(crate) fn function_objects(
     if entry(folder, control, "functions", tools)?.is_none() {
         return Ok(Vec::new());
     }
-    let path = control.display().to_string();
-    let listed = tools.run(folder, &["foamDictionary", "-entry", "functions", "-keywords", &path]);
-    let names = excerpt(&folder.join("log.foamDictionary"));
     let mut found = Vec::new();
-    for name in names.lines().map(str::trim).filter(|n| listed.is_ok() && !n.is_empty()) {
+    for name in keywords(folder, control, "functions", tools) {
         if let Some(kind) = entry(folder, control, &format!("functions/{name}/type"), tools)? {
-            found.push((name.to_string(), kind));
+            found.push((name, kind));
         }
     }
     Ok(found)
+}
+
+/// Names of the entries of a dictionary within a file; none where there is no such dictionary.
+pub(crate) fn keywords(folder: &Path, file: &Path, name: &str, tools: &Surroundings) -> Vec<String> {
+    let listed =
+        tools.run(folder, &["foamDictionary", "-entry", name, "-keywords", &file.display().to_string()]);
+    let names = excerpt(&folder.join("log.foamDictionary"));
+    let names = names.lines().map(str::trim).filter(|n| listed.is_ok() && !n.is_empty());
+    names.map(str::to_string).collect()
 }
 
 /// What the last check of the function object m4gnAverages of this name said in a run with this log, and the file that has it.

@@ -1,0 +1,77 @@
+//! What the script of a tutorial, `Allrun`, does before its solver.
+
+/// The commands of a case.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Commands {
+    /// Before the solver.
+    pub prepare: Vec<Vec<String>>,
+    /// Whether the case's own script runs the solver on several ranks.
+    pub parallel: bool,
+    /// Lines of that script that are not understood.
+    pub unknown: Vec<String>,
+}
+
+/// Lines of a tutorial's script that are not commands for a run.
+const OF_SCRIPTS: [&str; 9] =
+    ["#", "cd ", "cd\t", ". ", "source ", "application=", "restore0Dir", "set ", "exit"];
+
+/// The commands of a script up to the solver `application`.
+pub(crate) fn of_script(script: &str, application: &str) -> Commands {
+    let mut found = Commands::default();
+    for line in script.lines().map(str::trim) {
+        let mut words: Vec<&str> =
+            line.split_whitespace().take_while(|w| !w.starts_with(['#', '>'])).collect();
+        let Some(&first) = words.first() else { continue };
+        let copies = ["cp", "\\cp"].contains(&first) && words.len() > 2;
+        if copies && !line.contains(['$', '*', ';', '|', '&', '(', '"', '\'', '>', '{']) {
+            found.prepare.push(["cp"].iter().chain(&words[1..]).map(|w| w.to_string()).collect());
+            continue;
+        }
+        if !["runApplication", "runParallel"].contains(&first) {
+            if !OF_SCRIPTS.iter().any(|begin| line.starts_with(begin)) {
+                found.unknown.push(line.to_string());
+            }
+            continue;
+        }
+        words.remove(0);
+        while let Some(option) = words.first().filter(|w| w.starts_with('-')).copied() {
+            let value = ["-s", "-suffix", "-n", "-np", "-decomposeParDict"].contains(&option);
+            words.drain(..(1 + usize::from(value)).min(words.len()));
+        }
+        let program = words.first().copied().unwrap_or_default();
+        if program.contains("getApplication")
+            || program.contains("$application")
+            || program.contains("${application")
+            || program == application
+        {
+            found.parallel |= first == "runParallel";
+            break;
+        }
+        match program {
+            "decomposePar" | "" => found.parallel |= program == "decomposePar",
+            "reconstructPar" => {}
+            _ => found.prepare.push(words.iter().map(|w| w.to_string()).collect()),
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tutorial_s_script_is_understood_up_to_its_solver() {
+        let script = "#!/bin/sh\ncd ${0%/*} || exit 1\n. $WM_PROJECT_DIR/bin/tools/RunFunctions\n\nrestore0Dir\nrunApplication blockMesh\n\\cp a b\nmv a b\n\
+                      runApplication -s 1 topoSet -dict system/a # cells\nrunApplication decomposePar\nrunParallel $(getApplication)\nrunApplication \
+                      reconstructPar\n";
+        let found = of_script(script, "icoFoam");
+        let expected: Vec<Vec<String>> = vec![
+            vec!["blockMesh".into()],
+            ["cp", "a", "b"].map(String::from).into(),
+            vec!["topoSet".into(), "-dict".into(), "system/a".into()],
+        ];
+        assert_eq!(found, Commands { prepare: expected, parallel: true, unknown: vec!["mv a b".into()] });
+        assert!(!of_script("runApplication icoFoam\nrunApplication foamToVTK\n", "icoFoam").parallel);
+    }
+}
