@@ -6,12 +6,13 @@ fn main() {
     println!("cargo:rustc-cdylib-link-arg=-Wl,-soname,libm4gn_slepc.so");
     println!("cargo:rerun-if-changed=wrapper.h");
     let [slepc, petsc, mpi] =
-        [("slepc", "libslepc-real-dev"), ("petsc", "libpetsc-real-dev"), ("ompi-c", "libopenmpi-dev")]
-            .map(|(name, package)| {
+        [("slepc", "libslepc-real-dev"), ("petsc", "libpetsc-real-dev"), ("ompi-c", "libopenmpi-dev")].map(
+            |(name, package)| {
                 pkg_config::Config::new().cargo_metadata(false).probe(name).unwrap_or_else(|e| {
             panic!("{name} was not found through pkg-config: {e}\nInstall {package} or run setup/debian.sh")
         })
-            });
+            },
+        );
     for dir in slepc.link_paths.iter().chain(&petsc.link_paths) {
         println!("cargo:rustc-link-search=native={}", dir.display());
     }

@@ -1,13 +1,14 @@
 //! A campaign made of a case: its three files.
 
 use super::case::{PARAMETERS, Source, parameters};
+use super::quantities::{Entries, quantities};
 use super::sampling::{Method, Parameter, sample};
 use super::survey::{check_uses, commands};
 use super::{settings, table};
 use crate::check::{self, Case, Plan};
 use crate::generate::openfoam::plain_path;
 use crate::generate::process::Surroundings;
-use crate::user_case::entry;
+use crate::user_case::{entry, keywords};
 use m4gn_base::{Error, Result, files, refuse};
 use m4gn_report::number;
 use std::path::{Path, PathBuf};
@@ -97,7 +98,12 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
             settings::FILE
         ));
     }
-    let (quantities, known) = quantities(&source.functions, &|object| result(object, scratch.path(), tools));
+    let control = scratch.path().join("system/controlDict");
+    let entries = Entries {
+        value: &|path| entry(scratch.path(), &control, path, tools).ok().flatten(),
+        keywords: &|path| keywords(scratch.path(), &control, path, tools),
+    };
+    let (quantities, known) = quantities(&source.functions, &entries)?;
     if !known {
         notes.push(format!(
             "no quantity is known of this case: write at least one [[quantity]] into {}",
@@ -217,48 +223,6 @@ fn decomposed(source: &Source, wanted: Option<usize>, scratch: &Path, tools: &Su
     }
 }
 
-/// The name of the first result of a `volFieldValue` of the whole mesh in a copy of `system`.
-fn result(object: &str, scratch: &Path, tools: &Surroundings) -> Option<String> {
-    let control = scratch.join("system/controlDict");
-    let of =
-        |name: &str| entry(scratch, &control, &format!("functions/{object}/{name}"), tools).ok().flatten();
-    let (operation, fields) = (of("operation")?, of("fields")?);
-    let first = fields.split_once('(')?.1.rsplit_once(')')?.0.split_whitespace().next()?.to_string();
-    (of("regionType")? == "all").then(|| format!("{operation}({first})"))
-}
-
-/// Function objects that publish figures, as text of `campaign.toml`, and whether any is known well enough to be asked for. `result`: of a
-/// `volFieldValue`.
-fn quantities(functions: &[(String, String)], result: &dyn Fn(&str) -> Option<String>) -> (String, bool) {
-    let one = |name: &str, object: &str, result: &str, rms: bool, mark: &str| {
-        let rms = if rms { format!("{mark}statistic = \"rms\"\n") } else { String::new() };
-        format!(
-            "{mark}[[quantity]]\n{mark}name = \"{name}\"\n{mark}function_object = \"{object}\"\n{mark}result = \"{result}\"\n{rms}{mark}relative = \
-             {}\n\n",
-            if rms.is_empty() { "0.01" } else { "0.02" }
-        )
-    };
-    let (mut text, mut known) = (String::new(), false);
-    for (object, kind) in functions {
-        match kind.as_str() {
-            "forceCoeffs" if !known => {
-                text += &(one("Cd", object, "Cd", false, "") + &one("Cl_rms", object, "Cl", true, ""));
-                known = true;
-            }
-            "forceCoeffs" => text += &one(&format!("Cd_{object}"), object, "Cd", false, "# "),
-            "surfaceFieldValue" | "volFieldValue" => {
-                let found = result(object).filter(|_| kind == "volFieldValue");
-                text += &one(object, object, found.as_deref().unwrap_or("OPERATION(FIELD)"), false, "# ")
-            }
-            _ => {}
-        }
-    }
-    if functions.is_empty() || text.is_empty() {
-        text += &one("Cd", "forces", "Cd", false, "# ");
-    }
-    (text, known)
-}
-
 fn text(
     source: &Source,
     prepare: &[Vec<String>],
@@ -323,22 +287,11 @@ mod tests {
             application: "icoFoam".into(),
             functions: Vec::new(),
         };
-        let of = |functions: &[(&str, &str)]| {
-            let functions: Vec<_> = functions.iter().map(|(a, b)| (a.to_string(), b.to_string())).collect();
-            let (quantities, known) = quantities(&functions, &|_| Some("volAverage(T)".into()));
-            let prepare = [vec!["blockMesh".to_string(), "-dict".to_string()]];
-            let text = text(&source, &prepare, 2, &["Uin=1:2".parse().unwrap()], &quantities).unwrap();
-            let read: settings::Settings = toml::from_str(&text).unwrap();
-            assert_eq!((&read.case, &read.prepare[..], read.ranks), (&source.folder, &prepare[..], 2));
-            (read.quantity.len(), known, text)
-        };
-        let (n, known, _) = of(&[("forces", "forceCoeffs"), ("probes", "probes")]);
-        assert_eq!((n, known), (2, true));
-        let (n, known, text) = of(&[("mean", "volFieldValue")]);
-        assert!(
-            n == 0 && !known && text.contains("# function_object = \"mean\"\n# result = \"volAverage(T)\""),
-            "{text}"
-        );
-        assert!(of(&[]).2.contains("# [[quantity]]"));
+        let prepare = [vec!["blockMesh".to_string(), "-dict".to_string()]];
+        let quantities = "[[quantity]]\nname = \"Cd\"\nfunction_object = \"forces\"\nresult = \"Cd\"\n";
+        let text = text(&source, &prepare, 2, &["Uin=1:2".parse().unwrap()], quantities).unwrap();
+        let read: settings::Settings = toml::from_str(&text).unwrap();
+        assert_eq!((&read.case, &read.prepare[..], read.ranks), (&source.folder, &prepare[..], 2));
+        assert_eq!(read.quantity.len(), 1);
     }
 }

@@ -17,6 +17,7 @@ mod init;
 mod one;
 pub mod order;
 pub mod plan;
+mod quantities;
 pub mod record;
 mod report;
 mod run;
