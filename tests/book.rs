@@ -110,7 +110,7 @@ fn pages_that_messages_and_comments_name_are_there() {
 #[test]
 fn the_readme_is_read_in_two_minutes() {
     let text = read(&root().join("README.md"));
-    assert!(text.lines().count() <= 135, "README.md has {} lines", text.lines().count());
+    assert!(text.lines().count() <= 120, "README.md has {} lines", text.lines().count());
     assert!(
         text.split_whitespace().count() <= 1300,
         "README.md has {} words",
