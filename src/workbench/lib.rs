@@ -12,13 +12,14 @@
 //! | [`study`] | networks on data sets, compared | [`study::run`] |
 //! | [`bench`] | what a step costs | [`bench::Workload`], [`bench::Trial`] |
 //!
-//! They share [`errors`] of fields, [`signal`] (statistics), digests of inputs, and [`foam_case`], OpenFOAM's cases.
+//! They share [`errors`] of fields, [`signal`] (statistics), limit cycles, digests of inputs, and [`foam_case`], OpenFOAM's cases.
 
 pub mod bench;
 pub mod calibrate;
 pub mod campaign;
 pub mod check;
 pub mod compare;
+mod cycle;
 pub mod decisions;
 mod digest;
 pub mod errors;

@@ -1,10 +1,11 @@
 //! What a run starts from.
 
 use super::case::write;
-use super::cycle::{self, Cycle};
+use super::cycle;
 use super::plan::{Kind, Plan};
 use super::record::{Record, Started};
 use super::table::number;
+use crate::cycle::Cycle;
 use crate::digest::Digest;
 use crate::foam_case::{FoamCase, Source};
 use crate::generate::process::Surroundings;

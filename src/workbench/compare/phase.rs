@@ -1,6 +1,6 @@
 //! The error that is left where a shift in time is taken out: how far a run's last field is from the full run's cycle.
 
-use crate::campaign::cycle::Cycle;
+use crate::cycle::Cycle;
 use serde::Serialize;
 use std::f64::consts::TAU;
 
