@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Builds the solid part of solids4foam (2.2) from a source of yours against the OpenFOAM that m4gn uses, where there is no
+# Builds the solid part of solids4foam (2.2, or its branch feature-petsc-snes) from a source of yours against the OpenFOAM that m4gn uses, where there is no
 # wmake or solids4foam asks for a later version (it wants v2012; Debian has v1912). m4gn's own library for it comes with it.
 #   setup/solids4foam.sh SOURCE [FOLDER]    SOURCE: its checkout or unpacked release; FOLDER: ~/.cache/m4gn/solids4foam
 #   setup/solids4foam.sh                    m4gn's own library alone, for the solids4foam that was built before
@@ -36,13 +36,13 @@ left_out+='|poroMechanicalLaw|thermoMechanicalLaw|fixedTemperature|hotCylinder|s
 
 # sources PART: the files of a part, from its list for wmake
 sources() {
-    awk '
-        { sub(/\/\*.*\*\//, ""); gsub(/[ \t]/, ""); line = $0 }
+    sed -zE 's,/\*([^*]|\*+[^*/])*\*+/,,g' "$1/Make/files.openfoam" | awk '
+        { gsub(/[ \t]/, ""); line = $0 }
         /^LIB=/ || !NF { next }
         { while (match(line, /\$\([A-Za-z]+\)/))
               line = substr(line, 1, RSTART - 1) of[substr(line, RSTART + 2, RLENGTH - 3)] substr(line, RSTART + RLENGTH) }
         /^[A-Za-z]+=/ { split(line, pair, "="); of[pair[1]] = pair[2]; next }
-        { print line }' "$1/Make/files.openfoam" | grep -vE "$left_out"
+        { print line }' | grep -vE "$left_out"
 }
 
 # v1912 differs from what solids4foam asks for in these places.
@@ -61,10 +61,24 @@ Foam::tensor Foam::realEigenVectors(const tensor& t) { return eigenVectors(t); }
 CODE
 }
 
+# Its branch feature-petsc-snes includes a header of foam-extend, leaves files out of its list, asks a matrix that has no memory yet
+# for its use, and gives it that of another type, so that each entry is an error.
+correct() {
+    local helper=$models/solidModels/solidModel/foamPetscSnesHelper/foamPetscSnesHelper.C
+    [ -e "$helper" ] || return 0
+    sed -i 's/#include "foamTime.H"/#include "Time.H"/' \
+        "$models/solidModels/fvPatchFields/solidTractionFree/solidTractionFreeFvPatchVectorField.H" &&
+        sed -i -e 's/MatInfo info;/PetscBool assembled;/; s/MatGetInfo(B, MAT_LOCAL, &info)/MatAssembled(B, \&assembled)/' \
+            -e 's/if (info.nz_used)/if (assembled)/' \
+            -e 's/MatMPIBAIJSetPreallocation(B, blockSize, 0, d_nnz, 0, o_nnz)/MatXAIJSetPreallocation(B, blockSize, d_nnz, o_nnz, NULL, NULL)/' \
+            "$helper" &&
+        printf 'numerics/sparseMatrix/%s.C\n' sparseMatrix SparseMatrixTemplates sparseMatrixTools >> "$models/Make/files.openfoam"
+}
+
 prepare() {
     local part library
     rm -rf "$into/source" && mkdir -p "$into/source" && cp -r "$from/src" "$from/applications" "$from/tutorials" "$into/source" &&
-        cd "$into/source" || return
+        cd "$into/source" && correct || return
     if [ "$M4GN_FOAM_VERSION" -lt 2012 ]; then
         adapt || return
         # solidContact and its interpolation between patches ask for faceAreaIntersect and refPtr of later versions
@@ -98,7 +112,7 @@ build_m4gn() {
 
 if [ $# -gt 0 ]; then
     step "solids4foam: source" prepare || die "the source of solids4foam could not be prepared in $into"
-    step "solids4foam" build || die "solids4foam did not build; it was tried with version 2.2"
+    step "solids4foam" build || die "solids4foam did not build; it was tried with version 2.2 and the branch feature-petsc-snes"
 fi
 if [ -f "$M4GN_HOME/lib/libm4gnFoam.so" ]; then
     step "m4gn for solids4foam" build_m4gn || die "openfoam/solids4foam did not build"

@@ -115,10 +115,15 @@ Foam::tmp<Foam::surfaceTensorField> Foam::m4gnSolids4FoamLaw::dualGradient() con
 {
     const solidModel& model = *solid_;
 
+#if __has_include("meshDual.H")
+    const dualMeshToMeshMap& map = model.dualMesh().dualMeshMap();
+#else
+    const dualMeshToMeshMap& map = model.dualMeshMap();
+#endif
+
     return vfvc::fGrad(
-        solid_->pointD(), mesh_, model.dualMesh(), model.dualMeshMap().dualFaceToCell(),
-        model.dualMeshMap().dualCellToPoint(), model.solidModelDict().getOrDefault<scalar>("zeta", 0.1),
-        false);
+        solid_->pointD(), mesh_, model.dualMesh(), map.dualFaceToCell(), map.dualCellToPoint(),
+        model.solidModelDict().getOrDefault<scalar>("zeta", 0.1), false);
 }
 
 Foam::scalar Foam::m4gnSolids4FoamLaw::smallestJacobian() const

@@ -22,6 +22,9 @@ bool Foam::m4gnSolids4FoamLaw::relaxes() const
 
 Foam::string Foam::m4gnSolids4FoamLaw::cannotCorrect() const
 {
+#if __has_include("foamPetscSnesHelper.H")
+    return "this solids4foam has a Newton-Krylov solver and other equations of its correctors; needed: 2.2";
+#endif
     const word& model = solid_->type();
 
     if (model != "linearGeometryTotalDisplacement"
