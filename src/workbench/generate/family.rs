@@ -7,6 +7,7 @@
 use super::command::Command;
 use super::expression::{self, Variables};
 use super::parameter::{self, Parameter, Setting, Settings, Value, check_decimals, is_word, rounded, shown};
+use super::requirement::Requirement;
 use m4gn_base::{Error, Result, files};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -138,16 +139,6 @@ pub struct Derived {
     /// Whether it is kept with the data.
     #[serde(default)]
     pub record: bool,
-}
-
-/// What must hold of every case.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Requirement {
-    /// Condition.
-    pub that: String,
-    /// What is said where it does not hold.
-    pub otherwise: String,
 }
 
 /// Hybrid runs: the solver alone, then by turns with the surrogate.
@@ -336,7 +327,7 @@ impl Family {
             variables.insert(derived.name.clone(), value);
         }
         for requirement in &self.requirements {
-            if !expression::holds(&requirement.that, &variables)? {
+            if !requirement.holds(&variables)? {
                 let drawn: Vec<String> =
                     self.parameters.iter().zip(&values).map(|(p, v)| format!("{} {v}", p.name)).collect();
                 return Err(Error::Input(format!(

@@ -13,6 +13,7 @@ pub mod openfoam;
 pub mod parameter;
 pub mod process;
 pub mod queue;
+pub mod requirement;
 mod shipped;
 pub mod solids;
 
