@@ -32,7 +32,10 @@ pub(super) fn nearest(times: &[f64], fields: &[Vec<f64>], last: &[f64], period: 
         square - 2.0 * product(&weights, &with_last) + own
     };
     let shifts = (0..PHASES).map(|i| i as f64 / PHASES as f64 - 0.5);
-    let (least, shift) = shifts.map(|s| (distance(s), s)).min_by(|a, b| a.0.total_cmp(&b.0))?;
+    // The cycle is smoothed: without a shift the field itself may be nearer.
+    let own = products[fields.len() - 1][fields.len() - 1] - 2.0 * with_last[fields.len() - 1] + square;
+    let all = shifts.map(|s| (distance(s), s)).chain([(own, 0.0)]);
+    let (least, shift) = all.min_by(|a, b| a.0.total_cmp(&b.0))?;
     Some(PhaseFree { error: (least.max(0.0) / last.len() as f64).sqrt(), shift })
 }
 

@@ -100,11 +100,11 @@ impl Comparison {
             let [_, field, unit] = self.names();
             let last = self.headline.error.last().copied().unwrap_or_default();
             format!(
-                "the last {field} has an error of {} {unit}; {} {unit} of it are left from the full run's cycle, {} periods {} in phase",
+                "the last {field} has an error of {} {unit}, or {} {unit} but for a phase that is {} of a period {}",
                 number(last, 3),
                 number(free.error, 3),
                 number(free.shift.abs(), 2),
-                if free.shift < 0.0 { "late" } else { "early" },
+                if free.shift < 0.0 { "behind" } else { "ahead" },
             )
         }));
         notes.extend(self.forces.iter().flat_map(|f| f.notes(&self.times)));

@@ -30,7 +30,10 @@ impl Family {
 
 /// Folders of the families that come with m4gn: beside those of the libraries.
 fn folders() -> Vec<PathBuf> {
-    plugin::homes().into_iter().map(|home| home.join("openfoam/templates")).collect()
+    let mut folders: Vec<_> =
+        plugin::homes().into_iter().map(|home| home.join("openfoam/templates")).collect();
+    folders.dedup();
+    folders
 }
 
 /// Names of the families in these folders.
