@@ -18,28 +18,32 @@ parameters() { { header simulationParameters; printf '%s %s;\n' "$@"; } > system
 # with FILE FIELD...: fields include this file of system
 with() { for name in "${@:2}"; do sed -i "s/^dimensions\| dimensions/\n#include \"<system>\/$1\"\ndimensions/" "0/$name"; done; }
 
-# cylinder SIZE DELTA_T END: the family's channel, cells of this size at its ends, a cylinder at @y@ with forces
-cylinder() {
-    cp -r "$M4GN_HOME/openfoam/templates/cylinder-flow" case && cd case
-    rm -r family.toml source
-    sed -i "s/@x@/0.31/; s/@radius@/0.052/; s/@size@/$1/; s/@shape@/0/; s/@elements@/0/" mesh.geo
-    sed -i 's/@tolerance@/1e-6/; s/@correctors@/1/; s/@convection@/0/' system/fv{Solution,Schemes}
-    control_dict icoFoam "$3" "$2" runTime "$3" 10
-    control writeFormat binary
-    cat > system/functions <<EOD
+# forces PATCH PLACE SPEED LENGTH AREA: their coefficients
+forces() { cat > system/functions <<EOD; }
 forces
 {
     #include "<system>/simulationParameters"
-    type forceCoeffs; libs (forces); patches (cylinder);
-    rho rhoInf; rhoInf 1; CofR (0.31 0.2 0); liftDir (0 1 0); dragDir (1 0 0); pitchAxis (0 0 1);
-    magUInf \$u0; lRef 0.104; Aref 0.00104; log no;
+    type forceCoeffs; libs (forces); patches ($1);
+    rho rhoInf; rhoInf 1; CofR ($2); liftDir (0 1 0); dragDir (1 0 0); pitchAxis (0 0 1);
+    magUInf $3; lRef $4; Aref $5; log no;
 }
 EOD
+
+# cylinder SPEED: the family's channel, some 1,200 cells, a cylinder at the height @y@ with forces
+cylinder() {
+    cp -r "$M4GN_HOME/openfoam/templates/cylinder-flow" case && cd case
+    rm -r family.toml source
+    sed -i "s/@x@/0.31/; s/@radius@/0.052/; s/@size@/0.05/; s/@shape@/0/; s/@elements@/0/" mesh.geo
+    sed -i 's/@tolerance@/1e-6/; s/@correctors@/1/; s/@convection@/0/' system/fv{Solution,Schemes}
+    control_dict icoFoam 8 0.002 runTime 8 10
+    control writeFormat binary
+    forces cylinder '0.31 0.2 0' "$1" 0.104 0.00104
 }
 
 # Inlet speeds of a cylinder in a channel
 case_of_speeds() {
-    cylinder 0.05 0.002 8
+    # shellcheck disable=SC2016  # names of OpenFOAM
+    cylinder '$u0'
     sed -i 's/@nu@/1e-3/' constant/transportProperties
     # shellcheck disable=SC2016  # names of OpenFOAM
     sed -i 's/@linear@/$linear/; s/@quadratic@/$quadratic/' 0/U
@@ -51,11 +55,9 @@ case_of_speeds() {
 }
 # The same in one inlet, over the Reynolds number of mean speed and diameter and over the cylinder's height: each run makes its own mesh
 case_of_channel() {
-    cylinder 0.05 0.002 8
+    cylinder 1.5
     sed -i 's/@linear@/14.634146/; s/@quadratic@/-35.693040/' 0/U
     mv mesh.geo mesh.geo.in
-    # shellcheck disable=SC2016
-    sed -i 's/\$u0/1.5/' system/functions
     cat > Allrun.pre <<'EOD'
 #!/bin/sh -e
 of() { foamDictionary -entry "$1" -value system/simulationParameters; }
@@ -75,15 +77,8 @@ case_of_square() {
     turbulence kOmegaSST nutkWallFunction
     control endTime 1.5
     rm -r constant/polyMesh log.run
-    cat > system/functions <<EOD
-forces
-{
-    #include "<system>/simulationParameters"
-    type forceCoeffs; libs (forces); patches (square);
-    rho rhoInf; rhoInf 1; CofR (0 0 0); liftDir (0 1 0); dragDir (1 0 0); pitchAxis (0 0 1);
-    magUInf \$speed; lRef 0.02; Aref 0.0002; log no;
-}
-EOD
+    # shellcheck disable=SC2016
+    forces square '0 0 0' '$speed' 0.02 0.0002
     with simulationParameters U
     with inlet k omega
     # shellcheck disable=SC2016  # names of OpenFOAM
