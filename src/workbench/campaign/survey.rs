@@ -4,7 +4,7 @@ use super::case::{PARAMETERS, Source};
 use super::sampling::{Parameter, Values};
 use super::table::number;
 use crate::user_case::script::{Commands, of_script};
-use crate::user_case::{has_mesh, mentions};
+use crate::user_case::{BLOCK_MESH, has_mesh, mentions};
 use m4gn_base::{Error, Result, files};
 use std::path::Path;
 
@@ -23,8 +23,7 @@ pub fn commands(source: &Source, parameters: &[Parameter]) -> Commands {
     if let Ok(script) = files::read_text(at("Allrun")) {
         return of_script(&script, &source.application);
     }
-    let block = ["system/blockMeshDict", "constant/polyMesh/blockMeshDict"];
-    let texts = block.iter().filter_map(|f| files::read_text(at(f)).ok());
+    let texts = BLOCK_MESH.iter().filter_map(|f| files::read_text(at(f)).ok());
     let mut prepare = Vec::new();
     for text in texts {
         if !has_mesh(&source.folder) || parameters.iter().any(|p| uses(&text, &p.name)) {

@@ -2,7 +2,8 @@
 
 use super::script::of_script;
 use super::{
-    LEFT_OUT, copy_all, entry, function_objects, has_mesh, header, log, mentions, names, read_all, time,
+    BLOCK_MESH, LEFT_OUT, copy_all, entry, function_objects, has_mesh, header, log, mentions, names,
+    read_all, time,
 };
 use crate::generate::openfoam::absolute;
 use crate::generate::process::{Surroundings, excerpt};
@@ -170,7 +171,7 @@ impl Copy {
         let mut commands = of_script(&script, &self.application).prepare;
         commands.retain(stays);
         if commands.is_empty() {
-            if !["system/blockMeshDict", "constant/polyMesh/blockMeshDict"].iter().any(|f| at(f).is_file()) {
+            if !BLOCK_MESH.iter().any(|f| at(f).is_file()) {
                 let what = "it has no mesh, and no blockMeshDict: make its mesh first, as for a run (its Allrun, or Allrun.pre)";
                 self.notes.push(what.into());
                 return Ok(());

@@ -16,6 +16,9 @@ use std::path::{Path, PathBuf};
 /// What is not of use to a run.
 pub(crate) const LEFT_OUT: [&str; 4] = ["postProcessing", "VTK", "logs", "dynamicCode"];
 
+/// Where a case has the dictionary of blockMesh.
+pub(crate) const BLOCK_MESH: [&str; 2] = ["system/blockMeshDict", "constant/polyMesh/blockMeshDict"];
+
 /// Of longer files the begin and the end are searched for names of other files.
 const SEARCHED: usize = 1 << 18;
 
