@@ -6,12 +6,14 @@ use base64::{Engine, engine::general_purpose::STANDARD};
 use m4gn_base::Result;
 use std::path::Path;
 
-const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;color:#222;max-width:64rem;margin:2rem auto;padding:0 1rem}\
+/// Charts are drawn on white; in a dark browser they are inverted, with their hues kept.
+const STYLE: &str = ":root{color-scheme:light dark}body{font:16px/1.5 system-ui,sans-serif;max-width:64rem;margin:2rem auto;padding:0 1rem}\
 h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2.2rem}table{border-collapse:collapse;margin:1rem 0;font-variant-numeric:tabular-nums}\
-th,td{padding:.25rem .8rem;text-align:right;border-bottom:1px solid #ddd}th:first-child,td:first-child{text-align:left}\
-thead th{border-bottom:2px solid #888}figure{margin:1.2rem 0}figcaption{color:#555;font-size:.9rem}\
+th,td{padding:.25rem .8rem;text-align:right;border-bottom:1px solid #8884}th:first-child,td:first-child{text-align:left}\
+thead th{border-bottom:2px solid #888}figure{margin:1.2rem 0}figcaption{opacity:.75;font-size:.9rem}\
 .grid{display:grid;gap:.6rem;font-size:.8rem}.grid figure{margin:0}.ticks{display:flex;justify-content:space-between}\
-img,svg{max-width:100%;height:auto}p.verdict{font-size:1.1rem}pre{background:#f6f6f6;padding:.8rem;overflow-x:auto;font-size:.85rem}";
+img,svg{max-width:100%;height:auto}p.verdict{font-size:1.1rem}pre{background:#8881;padding:.8rem;overflow-x:auto;font-size:.85rem}\
+@media(prefers-color-scheme:dark){svg{filter:invert(.92) hue-rotate(180deg)}}";
 
 /// Replaces what HTML would read as markup.
 pub fn escape(text: &str) -> String {
