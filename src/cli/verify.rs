@@ -40,7 +40,7 @@ fn above_zero(text: &str) -> std::result::Result<f64, String> {
 /// Runs the command.
 ///
 /// # Errors
-/// A folder that is no finished run with jumps, a solver that fails, and jumps that are off by more than the tolerance.
+/// A folder that is no finished run with jumps, a solver that fails, and jumps whose error is above the tolerance.
 pub fn run(args: Args) -> Result<()> {
     let _claimed = claim_outputs([args.json.as_deref()], [Some(&*args.case)])?;
     let plan = Plan {

@@ -282,7 +282,7 @@ pub(crate) fn variations(snapshots: &Snapshots, slots: &[usize], least: &[f64]) 
     least.iter().enumerate().map(|(f, least)| snapshots.variation(f, slots).max(*least)).collect()
 }
 
-/// Square of what holding the last state before the tail is off by.
+/// Square of the error of holding the last state before the tail.
 pub(crate) fn hold(window: &Window, tail: usize) -> f64 {
     let a = window.len() - tail - 1;
     let square = |b: usize| window.row(a)[a] - 2.0 * window.row(a)[b] + window.row(b)[b];

@@ -76,7 +76,7 @@ pub struct FieldError {
     pub name: String,
     /// Root mean square of prediction minus solver, over the field's variation in the window.
     pub error: f64,
-    /// The same of the state that the prediction began from: what holding it would be off by, at least the least change that errors are over.
+    /// The same of the state that the prediction began from: the error of holding it, at least the least change that errors are over.
     pub hold: f64,
 }
 
@@ -160,7 +160,7 @@ impl Fit {
     }
 }
 
-/// Errors over what holding would be off by, of all fields together; 0 where nothing changes.
+/// Errors over that of holding, of all fields together; 0 where nothing changes.
 pub fn relative(errors: &[FieldError]) -> f64 {
     let sum = |of: fn(&FieldError) -> f64| errors.iter().map(|e| of(e).powi(2)).sum::<f64>();
     match (sum(|e| e.error), sum(|e| e.hold)) {

@@ -220,7 +220,7 @@ impl<'a> Candidate<'a> {
     /// What was measured and decided, for people: `who` it is, among several.
     pub fn said(&self, who: &str, digits: Digits) -> String {
         let [error, estimate] = self.expected.map(|v| digits.of(v));
-        let off = format!("{who} beside the solver was off by {error} in a stride");
+        let off = format!("{who} beside the solver had an error of {error} in a stride");
         match self.verdict {
             Verdict::None => format!("{off}, {estimate} is expected of a step"),
             Verdict::Jumps => format!("{off}, {estimate} is expected of a jump"),

@@ -3,7 +3,7 @@
 //! While the solver works, the surrogate takes the same strides beside it, from the solver's own states. What such a stride is off
 //! by (Pearson correlation of 0.96 with the error of the following jump over cases inside and outside the range of training), times
 //! the growth that the model was calibrated with ([`m4gn_model::Calibration`]), is the estimate of a jump's error; a jump gets
-//! as many strides as keep it within the tolerance, and none where the stride was off by too much of what the solver changed in it.
+//! as many strides as keep it within the tolerance, and none where the stride's error was too large a part of what the solver changed in it.
 //! Errors are root mean squares over nodes and solved components, relative to the largest variation that the field has had in the run
 //! ([`StrideError::variation`]).
 
@@ -279,7 +279,7 @@ impl Control {
         };
         if self.settings.on_failure == OnFailure::Stop && self.bad >= self.settings.patience {
             return Err(Error::Numerical(format!(
-                "the surrogate beside the solver was off by more than the tolerance {} allows, or by more than {} (relTol) of what the \
+                "the error of the surrogate beside the solver was above what the tolerance {} allows, or above {} (relTol) of what the \
                  solver changed, in {} strides in a row, the last one by {:.2e}: its model does not fit this case. Train it for this case, \
                  raise the tolerance, or say onFailure solver",
                 self.settings.tolerance,

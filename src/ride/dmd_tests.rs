@@ -307,7 +307,7 @@ fn the_stride_follows_the_step() {
     host.run(1e9, |_| false);
     assert!(host.log.contains("s: states are kept 1.2"), "{}", host.log);
     let fits = host.log.matches(": fit of").count();
-    assert!(fits < 30 && !host.log.contains("off by 1.") && !host.log.contains("off by 2."), "{}", host.log);
+    assert!(fits < 30 && !host.log.contains("error of 1.") && !host.log.contains("error of 2."), "{}", host.log);
     assert!(!host.jumps.is_empty() && host.worst < 1e-3, "{} {:?}\n{}", host.worst, host.jumps, host.log);
     // And back, once the long steps are long gone.
     let stride = host.ride.candidates[0].stride();
@@ -355,7 +355,7 @@ fn a_run_without_a_jump_says_why() {
             1e9,
             "no fit: it takes 24 states 2.000e-1 s apart without a gap (minSnapshots), and at the end there were 15; a first",
         ),
-        (SETTINGS, 12.0, f64::NAN, "fits, the best off by "),
+        (SETTINGS, 12.0, f64::NAN, "fits, the best with an error of "),
     ] {
         let mut host = Host::new(settings, 0.0, 0, end, solver(0.0, broken));
         host.run(broken, |_| false);
@@ -414,7 +414,7 @@ fn a_fit_that_agrees_to_the_tolerance_alone_has_shorter_jumps() {
     let mut host = Host::new(&settings, 0.0, 0, 8.5, solver(0.0, 6.5));
     host.run(6.5, |_| false);
     assert!(
-        host.log.contains("off by 1.083 of what holding would be; the next jump may have 5 strides"),
+        host.log.contains("error of 1.083 of holding; the next jump may have 5 strides"),
         "{}",
         host.log
     );

@@ -1,6 +1,6 @@
 //! When a fit of the run's own states is made, used and dropped, and how far it may jump.
 //!
-//! A fit is used if it predicts the held-back end of its window to a share of what holding the last state would be off by, and waiting
+//! A fit is used if it predicts the held-back end of its window to a share of the error of holding the last state, and waiting
 //! would not better it. Its first jump has `initial_jump` strides. A stride beside the solver after a jump that agrees to twice that share
 //! lets the next one be longer; one that agrees to the tolerance lets it be shorter; else the solver goes on until a new fit holds.
 
@@ -200,7 +200,7 @@ impl FitControl {
                 time + missing as f64 * stride
             ),
             n => format!(
-                "{n} fits, the best off by {:.3} of what holding would be (jumpTolerance {}, fitTolerance {})",
+                "{n} fits, the best with an error of {:.3} of holding (jumpTolerance {}, fitTolerance {})",
                 self.best, rules.jump_tolerance, rules.fit_tolerance
             ),
         }
@@ -222,7 +222,7 @@ impl FitControl {
     ) -> String {
         let rules = fits.rules();
         let mut said = format!(
-            "m4gn: time {}: a stride of the fit beside the solver was off by {error:.3} of what holding would be",
+            "m4gn: time {}: a stride of the fit beside the solver had an error of {error:.3} of holding",
             step.name
         );
         let limit = self.limit(rules);
@@ -324,8 +324,8 @@ fn described(report: &FitReport, step: &Step, verdict: &str) -> String {
     let fields: Vec<String> =
         report.errors.iter().map(|(name, error)| format!("{name} {error:.2e}")).collect();
     format!(
-        "m4gn: time {}: fit of {} states, {} delays, rank {}, {}: its last {} states, held back, are off by {:.3} of what \
-         holding would be (of the variation: {}); {verdict}\n\n",
+        "m4gn: time {}: fit of {} states, {} delays, rank {}, {}: its last {} states, held back, have an error of {:.3} of \
+         holding (of the variation: {}); {verdict}\n\n",
         step.name,
         report.snapshots,
         report.delays,

@@ -126,7 +126,7 @@ impl Ride<'_> {
         }
         if let Some([error, estimate]) = jump.expected {
             line += &format!(
-                "; a stride beside the solver was off by {}, {} is expected of the jump",
+                "; a stride beside the solver had an error of {}, {} is expected of the jump",
                 digits.of(error),
                 digits.of(estimate)
             );

@@ -151,7 +151,7 @@ impl Quantities {
                 json!({"object": s.object, "result": s.result, "error": error, "tolerance": s.tolerance}),
             );
             told.push(format!(
-                "{} of {} was off by {error:.2e} of what it varies by (tolerance {})",
+                "{} of {} had an error of {error:.2e} of what it varies by (tolerance {})",
                 s.result, s.object, s.tolerance
             ));
         }

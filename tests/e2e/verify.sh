@@ -41,7 +41,7 @@ diff -rq 0.5 ../verified/0.5
 verify 1 --keep ../verified
 says 'is there already'
 verify 1 --tolerance 1e-5
-says 'are off by more than the tolerance'
+says 'have an error above the tolerance'
 verify 2 --tolerance -1
 
 # A run that is carried on from where a jump begins has the bytes of the whole one

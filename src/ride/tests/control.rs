@@ -24,13 +24,13 @@ fn jumps_are_as_long_as_the_measured_error_allows() {
     assert_eq!(host.events[..2], [Solved(10), Jumped(0, most)]);
     // Each stride that was measured is a row and a line, whether a jump followed or not.
     let rows = host.tables[1].lines().filter(|l| !l.starts_with('#')).count();
-    let lines = host.log.matches("the surrogate beside the solver was off by").count();
+    let lines = host.log.matches("the surrogate beside the solver had an error of").count();
     let summary = host.ride.end();
     assert!(rows > 2 && rows == lines, "{rows} {lines}");
     // What was measured before the solver had made its five steps was decided on then.
     assert!(summary.contains(&format!("\"strides_measured\": {},", rows - 1)), "{summary} {rows}");
     assert!(summary.contains("\"jumps_refused\": 0,"), "{summary}");
-    assert!(host.log.contains("; a stride beside the solver was off by 0.0"), "{}", host.log);
+    assert!(host.log.contains("; a stride beside the solver had an error of 0.0"), "{}", host.log);
     assert!(host.log.contains("does not say how its errors of a grow"), "{}", host.log);
     let row: Vec<&str> = host.tables[1].lines().last().unwrap().split('\t').collect();
     assert_eq!((row[1], row.len()), ("toy", 7));
@@ -109,7 +109,7 @@ fn a_stride_that_is_not_finite_beside_the_solver_allows_nothing() {
     let mut host = Host::of(&settings(r#""tolerance": 0.5"#), toy, 3.0);
     host.run().unwrap();
     assert_eq!(host.events, [Solved(30)]);
-    assert!(host.log.contains("was off by inf"), "{}", host.log);
+    assert!(host.log.contains("had an error of inf"), "{}", host.log);
     assert!(host.warnings[0].contains("not finite"));
 }
 

@@ -15,7 +15,7 @@ pub struct Verified {
     pub from: Option<f64>,
     /// Time of the comparison, s.
     pub to: Option<f64>,
-    /// Earlier jumps that have a part of this stretch: what they were off by counts as well.
+    /// Earlier jumps that have a part of this stretch: their errors count as well.
     pub earlier_jumps: usize,
     /// Errors of the fields over the largest variation so far.
     pub errors: BTreeMap<String, f64>,
@@ -102,7 +102,7 @@ impl Report {
         let compared = self.jumps.iter().filter(|j| j.worst.is_some()).count();
         let all = self.jumps.len();
         match (beyond, failed, compared) {
-            (1.., ..) => Some(format!("{beyond} of {all} jumps are off by more than the tolerance")),
+            (1.., ..) => Some(format!("{beyond} of {all} jumps have an error above the tolerance")),
             (_, 1.., _) => Some(format!("{failed} of {all} jumps could not be recomputed")),
             (_, _, 0) => Some("no jump could be verified".into()),
             _ => None,
