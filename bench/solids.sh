@@ -22,8 +22,6 @@ while [ $# -gt 0 ]; do
 done
 cd "$folder"
 echo 'dmd { snapshotInterval 0.06; }' > dmd
-# For runs of two to three periods
-echo 'dmd { snapshotInterval 0.04; minSnapshots 25; }' > dmd-short
 
 # hybrid PART OPTIONS...: 'm4gn hybrid' of this row, in its folder PART
 hybrid() {
@@ -52,13 +50,14 @@ while read -r family along across step end count fit; do
     )
     if [ -z "$fit" ]; then
         hybrid plain --variant dmd=dmd --baseline anderson-6=anderson=on --baseline anderson-4=anderson=on,tolerance=1e-4 --keep-cases
-        hybrid plain --model "$M4GN_HOME/models/$family.safetensors" --baseline none --json "$row/network.json"
+        model=$M4GN_HOME/models/$family.safetensors
+        [ ! -e "$model" ] || hybrid plain --model "$model" --baseline none --json "$row/network.json"
     fi
     python3 "$M4GN_HOME/bench/solids.py" "$row"
 done <<'EOD'
-vibrating-rubber 20 2 2e-3 6.64 3
-vibrating-rubber 20 2 5e-3 3 1 dmd-short
+vibrating-rubber 20 2 2e-3 6.64 12
 vibrating-rubber 40 4 5e-3 6.64 1 dmd
-vibrating-rubber 78 8 5e-3 3 1 dmd-short
-pressed-rubber 20 2 5e-3 3 3
+vibrating-rubber 56 6 5e-3 6.64 1 dmd
+vibrating-rubber 78 8 5e-3 6.64 1 dmd
+pressed-rubber 20 2 5e-3 3 12
 EOD
