@@ -2,8 +2,6 @@
 
 #include "m4gnOwnFields.H"
 #include "calculatedFvPatchFields.H"
-#include "m4gnObstacles.H"
-#include "OStringStream.H"
 #include "surfaceFields.H"
 #include "Time.H"
 #include "volFields.H"
@@ -16,8 +14,6 @@ using namespace Foam;
 const word sizeName("cellSize");
 const word stepName("deltaT");
 const word viscosityName("nu");
-const word nowName("obstacle");
-const word aheadName("obstacleAhead");
 
 //- In the header's notes: whose field it is, and whether deltaT keeps its value
 const char* const rateMark = "rate of change, by m4gn";
@@ -25,7 +21,6 @@ const char* const sizeMark = "mean distance of neighbouring cells, by m4gn";
 const char* const stepMark = "the solver's time step, by m4gn";
 const char* const stepKept = "the solver's time step, by m4gn, held";
 const char* const viscosityMark = "viscosity of transportProperties, by m4gn";
-const char* const obstacleMark = "nearness of obstacles, by m4gn";
 
 //- Patches of this type
 wordList patches(const fvMesh& mesh, const word& type) { return wordList(mesh.boundary().size(), type); }
@@ -149,40 +144,6 @@ template <class Type> bool provideRate(const fvMesh& mesh, const word& name, con
     return true;
 }
 
-void provideObstacles(const fvMesh& mesh, const word& name, const scalar later)
-{
-    if (!m4gnObstacles::present(mesh)) {
-        return;
-    }
-    const wordList types(patches(mesh, calculatedFvPatchVectorField::typeName));
-    auto* field = own<vector>(mesh, name, dimless, obstacleMark, types, later == 0);
-    if (!field) {
-        return;
-    }
-    if (later != 0) {
-        // To be made anew for the present time
-        field->timeIndex() = -1;
-    }
-
-    const m4gnObstacles& obstacles = m4gnObstacles::of(mesh);
-    const scalar time = mesh.time().value() + later + (name == aheadName ? obstacles.ahead() : 0);
-    const auto nearness = [&](const pointField& places) {
-        scalarField gap;
-        vectorField direction;
-        obstacles.gaps(places, time, obstacles.range(), gap, direction);
-        return vectorField(direction * max(1 - gap / obstacles.range(), scalar(0)));
-    };
-
-    field->primitiveFieldRef() = nearness(mesh.C());
-    auto& boundary = field->boundaryFieldRef();
-    forAll(boundary, patchi) {
-        if (boundary[patchi].size() && !boundary[patchi].coupled()) {
-            boundary[patchi] == nearness(mesh.boundary()[patchi].Cf());
-        }
-    }
-    field->correctBoundaryConditions();
-}
-
 } // End anonymous namespace
 
 Foam::word Foam::m4gnOwnFields::rateOf(const word& name) { return "ddt(" + name + ')'; }
@@ -191,11 +152,10 @@ bool Foam::m4gnOwnFields::isKnown(const fvMesh& mesh, const word& name)
 {
     const auto* object = mesh.findObject<regIOobject>(name);
     const std::string note(object ? object->note() : string());
-    return note == sizeMark || note == stepMark || note == stepKept || note == viscosityMark
-           || note == obstacleMark;
+    return note == sizeMark || note == stepMark || note == stepKept || note == viscosityMark;
 }
 
-void Foam::m4gnOwnFields::provide(const fvMesh& mesh, const word& name, const scalar later)
+void Foam::m4gnOwnFields::provide(const fvMesh& mesh, const word& name)
 {
     if (name == sizeName) {
         provideSize(mesh);
@@ -203,48 +163,12 @@ void Foam::m4gnOwnFields::provide(const fvMesh& mesh, const word& name, const sc
         provideTimeStep(mesh);
     } else if (name == viscosityName) {
         provideViscosity(mesh);
-    } else if (name == nowName || name == aheadName) {
-        provideObstacles(mesh, name, later);
     } else if (name.starts_with("ddt(") && name.ends_with(")")) {
         const word of(name.substr(4, name.size() - 5), false);
         if (!provideRate<vector>(mesh, of, name)) {
             provideRate<scalar>(mesh, of, name);
         }
     }
-}
-
-Foam::string Foam::m4gnOwnFields::obstacleMisfit(
-    const fvMesh& mesh, const wordList& inputs, const scalar stride)
-{
-    const auto* now = mesh.findObject<volVectorField>(nowName);
-    if (now && now->note() != obstacleMark) {
-        // Somebody else makes these fields
-        return string();
-    }
-
-    const bool reads = inputs.found(nowName) || inputs.found(aheadName);
-    const bool present = m4gnObstacles::present(mesh);
-    OStringStream os;
-
-    if (reads && !present) {
-        os << "The model reads where the obstacles are, and this case has no"
-           << " file constant/" << m4gnObstacles::fileNameOf << nl
-           << "    Describe them there (docs/explanation/contact.md), or use a model"
-           << " without obstacles";
-    } else if (!reads && present) {
-        os << "The case has obstacles (constant/" << m4gnObstacles::fileNameOf
-           << "), and the model does not read " << nowName << " or " << aheadName
-           << ": it cannot know where they"
-           << " are" << nl << "    Record these fields, and train a model that reads them;"
-           << " outOfRange ignore goes on without";
-    } else if (inputs.found(aheadName)) {
-        const scalar ahead = m4gnObstacles::of(mesh).ahead();
-        if (mag(ahead - stride) > 1e-6 * stride) {
-            os << "The entry ahead of constant/" << m4gnObstacles::fileNameOf << " is " << ahead
-               << " s, and the stride of the model is " << stride << " s; expected the stride of the model";
-        }
-    }
-    return os.str();
 }
 
 Foam::m4gnOwnFields::heldTimeStep::heldTimeStep(const fvMesh& mesh, const wordList& inputs) : field_(nullptr)

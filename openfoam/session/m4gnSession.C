@@ -74,12 +74,6 @@ void Foam::m4gnSession::checkFields()
     }
     inputNames_.transfer(inputs);
 
-    const string misfit(m4gnOwnFields::obstacleMisfit(mesh_, inputNames_, stride_));
-    if (misfit.size() && outOfRange_ != "ignore") {
-        FatalErrorInFunction << misfit.c_str() << nl << "    The model is " << model_.file()
-                             << exit(FatalError);
-    }
-
     DynamicList<word> outputs;
     DynamicList<label> components;
 

@@ -392,9 +392,7 @@ void Foam::m4gnState::ahead(const scalar later, double* const* arrays)
     label arrayi = 0;
     each([&](auto& field) {
         if (arrays_[arrayi].role == M4GN_PRESCRIBED) {
-            m4gnOwnFields::provide(mesh_, field.name(), later);
             copy(field, arrays[arrayi], arrays[arrayi + 1]);
-            m4gnOwnFields::provide(mesh_, field.name());
         }
         arrayi += 2;
     });

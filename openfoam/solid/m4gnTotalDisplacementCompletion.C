@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnTotalDisplacementCompletion.H"
-#include "m4gnObstacles.H"
 #include "m4gnCompletionType.H"
 #include "m4gnCaseChecks.H"
 #include "fixedGradientFvPatchFields.H"
@@ -119,8 +118,7 @@ bool Foam::m4gnTotalDisplacementCompletion::applies(const fvMesh& mesh, const di
 
 Foam::m4gnTotalDisplacementCompletion::m4gnTotalDisplacementCompletion(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnDisplacementCompletion(mesh, dict, session),
-      obstacles_(m4gnObstacles::present(mesh) ? &m4gnObstacles::of(mesh) : nullptr)
+    : m4gnDisplacementCompletion(mesh, dict, session)
 {
     refuseContact();
 
@@ -170,15 +168,4 @@ Foam::wordList Foam::m4gnTotalDisplacementCompletion::advanced() const
         names.append(m4gnSolidLaw::fields());
     }
     return names;
-}
-
-Foam::List<Foam::m4gnCompletion::quantity> Foam::m4gnTotalDisplacementCompletion::quantities() const
-{
-    List<quantity> all(m4gnDisplacementCompletion::quantities());
-
-    if (obstacles_) {
-        all.append(quantity("gap", obstacles_->smallestGap(D())));
-    }
-
-    return all;
 }

@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::Command;
 
-/// Run a tutorial: cylinder, beam, or deformingBeam (which needs solids4foam)
+/// Run a tutorial: cylinder or beam
 ///
 /// The cases, their logs and the comparison are in DIR/NAME. Needs OpenFOAM; cylinder also gmsh.
 #[derive(Debug, clap::Args)]

@@ -4,7 +4,6 @@
 #include "m4gnElasticBody.H"
 #include "m4gnFieldSet.H"
 #include "m4gnMeshAdapter.H"
-#include "m4gnObstacles.H"
 #include "volFields.H"
 
 using testing::caseFolder;
@@ -14,52 +13,6 @@ namespace
 {
 const wordList sixPatches(6, "patch");
 } // End anonymous namespace
-
-// A sphere of radius 0.5 above the block, which moves down by 1 m within 1 s
-TEST(gapsToAnObstacle)
-{
-    caseFolder run;
-    const autoPtr<fvMesh> mesh(run.block({1, 1, 1}, {1, 1, 1}, sixPatches));
-    run.write(
-        "constant/obstacles", "range 0.5; ahead 0.1;"
-                              " ball { type searchableSphere; centre (0.5 2 0.5); radius 0.5; motion table "
-                              "((0 (0 0 0)) (1 (0 -1 0))); }");
-    const m4gnObstacles& obstacles = m4gnObstacles::of(*mesh);
-    EXPECT_NEAR(obstacles.range(), 0.5, 0);
-    EXPECT(&obstacles == &m4gnObstacles::of(*mesh));
-
-    const pointField points({point(0.5, 0.8, 0.5), point(0.5, -5, 0.5)});
-    scalarField gap;
-    vectorField outward;
-    obstacles.gaps(points, 0, 3, gap, outward);
-    EXPECT_NEAR(gap[0], 0.7, 1e-12);
-    EXPECT_NEAR(outward[0], vector(0, -1, 0), 1e-12);
-    // Further away than the limit
-    EXPECT_NEAR(gap[1], 3, 0);
-    EXPECT_NEAR(outward[1], vector(0, 0, 0), 0);
-
-    // Half way down it touches 1 m above the ground; at the end the first point is inside by 0.3 m
-    obstacles.gaps(points, 0.5, 3, gap, outward);
-    EXPECT_NEAR(gap[0], 0.2, 1e-12);
-    obstacles.gaps(points, 1, 3, gap, outward);
-    EXPECT_NEAR(gap[0], -0.3, 1e-12);
-    EXPECT_NEAR(outward[0], vector(0, -1, 0), 1e-12);
-}
-
-TEST(obstaclesThatAreNotValid)
-{
-    caseFolder run;
-    const autoPtr<fvMesh> mesh(run.block({1, 1, 1}, {1, 1, 1}, sixPatches));
-    EXPECT_REFUSED(m4gnObstacles::of(*mesh), "There is no file");
-    run.write("constant/obstacles", "range 0.5; ahead 0.1;");
-    EXPECT_REFUSED(m4gnObstacles::of(*mesh), "There is no obstacle in this file");
-    run.write("constant/obstacles", "range 0; ahead 0.1;");
-    EXPECT_REFUSED(m4gnObstacles::of(*mesh), "expected numbers above 0");
-    run.write(
-        "constant/obstacles",
-        "range 0.5; ahead 0.1; ball { type searchableSphere; centre (0 0 0); radius 1; }");
-    EXPECT_REFUSED(m4gnObstacles::of(*mesh), "The obstacle ball has no entry motion");
-}
 
 // A cube that is held at the left and cannot leave the plane of the bottom
 TEST(heldPointsOfAnElasticBody)
