@@ -112,21 +112,26 @@ def measured(folder, name, plan):
 
 
 def picture(rows, path):
+    """A dot a run: its colour says how it ran, its shape the mesh, whether it is filled the scheme."""
     import matplotlib
     matplotlib.use("svg")
     import matplotlib.pyplot as plt
-    figure, axes = plt.subplots(figsize=(7, 4.5))
-    lines = {}
+    figure, axes = plt.subplots(figsize=(7, 4))
+    colours = {(False, False): ("plain, to the end", "#777777"), (False, True): ("plain, until its means are known", "#0072B2"),
+               (True, False): ("dmd, to the end", "#D55E00"), (True, True): ("dmd, until its means are known", "#E69F00")}
+    shapes = {"quads": "s", "triangles": "^"}
     for r in rows:
-        label = f"{r['shape']}, {r['scheme']}{', dmd' if r['dmd'] else ''}{', stop' if r['stop'] else ''}"
-        lines.setdefault(label, []).append((r["seconds"], 100 * r["error"]))
-    for label, points in lines.items():
-        points.sort()
-        axes.loglog(*zip(*points), "o-" if "dmd" in label else "s--", label=label, markersize=4, linewidth=1)
+        colour = colours[r["dmd"], r["stop"]][1]
+        axes.loglog(r["seconds"], 100 * r["error"], shapes[r["shape"]], color=colour, markersize=7,
+                    markerfacecolor=colour if r["scheme"] == "Euler" else "white")
+    for label, colour in colours.values():
+        axes.plot([], [], "o", color=colour, label=label)
+    for label, shape, face in (("quadrilaterals", "s", "k"), ("triangles", "^", "k"), ("Euler", "o", "k"), ("backward", "o", "w")):
+        axes.plot([], [], shape, color="k", markerfacecolor=face, label=label)
     axes.set_xlabel("processor time, s")
-    axes.set_ylabel("mean error of drag, lift, Strouhal number, %")
+    axes.set_ylabel("error against the benchmark, %")
     axes.grid(True, which="both", linewidth=0.3)
-    axes.legend(fontsize=7)
+    axes.legend(fontsize=7, ncols=2)
     figure.tight_layout()
     figure.savefig(path)
 
