@@ -4,7 +4,8 @@
 //! (folders, separated by ':'), `M4GN_FOAM_LIBDIR`, `M4GN_FOAM_MPI_LIBDIR` (where `libPstream.so` is),
 //! `M4GN_FOAM_DEFINES` (separated by spaces, with or without -D) and `M4GN_FOAM_CXXSTD`.
 
-use std::{env, path::Path, process::exit};
+use std::path::{Path, PathBuf};
+use std::{env, fs, process::exit};
 
 const HINT: &str = "Type\n    eval \"$(setup/openfoam.sh --export)\"\nbefore cargo, or build with setup/build.sh, which does. \
     The headers of Debian's OpenFOAM are fetched by setup/openfoam-source.sh.";
@@ -53,6 +54,20 @@ fn variable(name: &str) -> Option<String> {
     env::var(name).ok().filter(|v| !v.trim().is_empty())
 }
 
+/// Files that include the sources, one for each folder: OpenFOAM's headers are most of a source's compile time.
+fn gathered() -> Vec<PathBuf> {
+    let out = PathBuf::from(env::var("OUT_DIR").expect("set by Cargo"));
+    let here = env::current_dir().expect("the folder of this crate");
+    let (shared, own): (Vec<&str>, Vec<&str>) = SOURCES.iter().partition(|file| file.starts_with(".."));
+    let gather = |name: &str, sources: Vec<&str>| {
+        let lines = sources.iter().map(|file| format!("#include \"{}\"\n", here.join(file).display()));
+        let file = out.join(name);
+        fs::write(&file, lines.collect::<String>()).expect("OUT_DIR can be written to");
+        file
+    };
+    vec![gather("bridge.C", own), gather("case.C", shared)]
+}
+
 fn main() {
     for file in SOURCES.iter().chain(HEADERS).chain(&["lib.rs"]) {
         println!("cargo:rerun-if-changed={file}");
@@ -88,7 +103,7 @@ fn main() {
     }
 
     let mut build = cxx_build::bridge("lib.rs");
-    build.files(SOURCES).includes([".", "../../openfoam/case", "../include"]).warnings(false);
+    build.files(gathered()).includes([".", "../../openfoam/case", "../include"]).warnings(false);
     // OpenFOAM's headers are not ours to warn about.
     for dir in &includes {
         build.flag(format!("-isystem{dir}"));
