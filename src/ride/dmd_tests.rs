@@ -307,7 +307,11 @@ fn the_stride_follows_the_step() {
     host.run(1e9, |_| false);
     assert!(host.log.contains("s: states are kept 1.2"), "{}", host.log);
     let fits = host.log.matches(": fit of").count();
-    assert!(fits < 30 && !host.log.contains("error of 1.") && !host.log.contains("error of 2."), "{}", host.log);
+    assert!(
+        fits < 30 && !host.log.contains("error of 1.") && !host.log.contains("error of 2."),
+        "{}",
+        host.log
+    );
     assert!(!host.jumps.is_empty() && host.worst < 1e-3, "{} {:?}\n{}", host.worst, host.jumps, host.log);
     // And back, once the long steps are long gone.
     let stride = host.ride.candidates[0].stride();
@@ -413,11 +417,7 @@ fn a_fit_that_agrees_to_the_tolerance_alone_has_shorter_jumps() {
     let settings = SETTINGS.replace("\"initialJump\"", "\"jumpTolerance\": 10, \"initialJump\"");
     let mut host = Host::new(&settings, 0.0, 0, 8.5, solver(0.0, 6.5));
     host.run(6.5, |_| false);
-    assert!(
-        host.log.contains("error of 1.083 of holding; the next jump may have 5 strides"),
-        "{}",
-        host.log
-    );
+    assert!(host.log.contains("error of 1.083 of holding; the next jump may have 5 strides"), "{}", host.log);
     assert!(!host.log.contains("the fit is dropped"), "{}", host.log);
 }
 
