@@ -16,7 +16,7 @@ follow first-network 's/steps = 2000/steps = 600/; s/1500/560/; s/--count 3/--co
 [ -s run/first/0000/control.json ] || fail 'first-network: there is no run under control'
 
 # Your own case: a square in a wind
-(make_square myCase && turbulence kOmegaSST nutkWallFunction)
+(make_square myCase && turbulence kOmegaSST nutkWallFunction && control endTime 2)
 follow your-own-case '/^cd hybrid/i cp surrogate hybrid/system/functions'
-grep -q '^m4gn: .* jumped ' hybrid/log.pimpleFoam || fail 'your-own-case: no jump'
+grep -q '^m4gn: jumped ' hybrid/log.pimpleFoam || fail 'your-own-case: no jump'
 grep -q 'frequency' report.html || fail 'your-own-case: the report has no frequency'
