@@ -116,6 +116,7 @@ def picture(rows, path):
     import matplotlib
     matplotlib.use("svg")
     import matplotlib.pyplot as plt
+    import matplotlib.ticker
     figure, axes = plt.subplots(figsize=(7, 4))
     colours = {(False, False): ("plain, to the end", "#777777"), (False, True): ("plain, until its means are known", "#0072B2"),
                (True, False): ("dmd, to the end", "#D55E00"), (True, True): ("dmd, until its means are known", "#E69F00")}
@@ -128,6 +129,10 @@ def picture(rows, path):
         axes.plot([], [], "o", color=colour, label=label)
     for label, shape, face in (("quadrilaterals", "s", "k"), ("triangles", "^", "k"), ("Euler", "o", "k"), ("backward", "o", "w")):
         axes.plot([], [], shape, color="k", markerfacecolor=face, label=label)
+    for axis, ticks in ((axes.xaxis, (10, 20, 50, 100, 200)), (axes.yaxis, (1, 2, 3, 5, 10))):
+        axis.set_major_locator(matplotlib.ticker.FixedLocator(ticks))
+        axis.set_major_formatter(matplotlib.ticker.ScalarFormatter())
+        axis.set_minor_formatter(matplotlib.ticker.NullFormatter())
     axes.set_xlabel("processor time, s")
     axes.set_ylabel("error against the benchmark, %")
     axes.grid(True, which="both", linewidth=0.3)
