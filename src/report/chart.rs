@@ -135,7 +135,7 @@ impl Chart {
         // Dots stand clear of the frame.
         let (x_low, x_high) = match self.series.iter().any(|s| s.dots) {
             true if self.axis == Axis::Logarithmic => (x_low - 0.1, x_high + 0.1),
-            true => (x_low.min(0.0), x_high + 0.05 * x_high.abs()),
+            true => (x_low - 0.05 * (x_high - x_low), x_high + 0.05 * (x_high - x_low)),
             false => (x_low, x_high),
         };
         let mut chart = ChartBuilder::on(area)
