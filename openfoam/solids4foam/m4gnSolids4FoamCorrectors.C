@@ -13,12 +13,12 @@ namespace
 using namespace Foam;
 
 //- Correctors that the mixing remembers
-const label depth = 20;
+const label correctorDepth = 20;
 
 //- Most sweeps over the boundary in a corrector, and the change at which they
 //  end: of that of the first one, and of that at which the correctors end
-const label maxSweeps = 10;
-const scalar sweepTolerance = 0.01;
+const label maxConditionSweeps = 10;
+const scalar conditionTolerance = 0.01;
 
 //- Correctors whose change is this much of the first one's lead nowhere
 const scalar diverged = 1e6;
@@ -103,7 +103,7 @@ bool Foam::m4gnSolids4FoamLaw::take(
     // Where cells are not orthogonal to the boundary its values take part of
     // the last gradient, which takes part of them
     scalar first = 0;
-    for (label sweep = 0; sweep < maxSweeps; ++sweep) {
+    for (label sweep = 0; sweep < maxConditionSweeps; ++sweep) {
         const volVectorField::Boundary before(boundary);
         evaluateBoundary(tractions(true));
 
@@ -115,7 +115,7 @@ bool Foam::m4gnSolids4FoamLaw::take(
         }
         reduce(change, maxOp<scalar>());
         first = max(first, change);
-        if (sweep && change <= max(tolerance, sweepTolerance * first)) {
+        if (sweep && change <= max(tolerance, conditionTolerance * first)) {
             break;
         }
         mechanical().grad(u, solid_->incremental() ? solid_->gradDD() : solid_->gradD());
@@ -174,7 +174,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
     const label debug = SolverPerformance<vector>::debug;
     SolverPerformance<vector>::debug = 0;
 
-    m4gnMixing mixing(depth);
+    m4gnMixing mixing(correctorDepth);
     tmp<vectorField> now(unknowns(impK));
     label nCorrectors = 0;
     bool converged = false;
@@ -182,7 +182,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
     scalar first = 0;
 
     while (valid && !converged && nCorrectors < most) {
-        valid = take(now(), impK, sweepTolerance * largest());
+        valid = take(now(), impK, conditionTolerance * largest());
         if (!valid) {
             break;
         }
@@ -210,7 +210,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
     }
     SolverPerformance<vector>::debug = debug;
 
-    if (!valid || !converged || !take(now(), impK, sweepTolerance * largest())) {
+    if (!valid || !converged || !take(now(), impK, conditionTolerance * largest())) {
         u == before;
         forAll(patches, i) {
             fvPatchVectorField& patch = u.boundaryFieldRef()[patches[i]];

@@ -15,7 +15,7 @@ const scalar sweepTolerance = 1e-10;
 const scalar enough = 1e-5;
 
 //- Sweeps that the mixing remembers
-const label depth = 8;
+const label sweepDepth = 8;
 
 } // End anonymous namespace
 
@@ -105,7 +105,7 @@ bool Foam::m4gnSolids4FoamLaw::agree(const bool mixed)
     };
 
     const scalar size = max(gMax(mag(solid_->D().primitiveField())()), VSMALL);
-    m4gnMixing mixing(depth);
+    m4gnMixing mixing(sweepDepth);
     vectorField now(n), next(n);
 
     presentGradients(patches);
