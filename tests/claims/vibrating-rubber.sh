@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# Takes minutes.
 # README, results: the rows of three rubber beams in vibration, on the first draw of their command and to 4 s.
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 needs_solids4foam

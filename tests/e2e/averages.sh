@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# Takes minutes.
 # m4gnAverages: a run in a pulsating flow ends when the mean and the rms of the drag are known, with figures that a longer run's lie within;
 # it carries on from any write time, after a kill too, and not from series that are damaged; two ranks end as one; errors are told by entry; strides of a
 # surrogate weigh as the time that they stand for; a steady solver's values that settle are known.

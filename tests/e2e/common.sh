@@ -428,16 +428,6 @@ replaces() {
 # content FILE: what a recording has, wherever it stands.
 content() { m4gn info "$1" | grep -E '^(mesh|patch|frames|field) '; }
 
-# shipped_model_is_near FAMILY LIMIT: the model of a family of solids that ships, on a draw that no training has had: three quarters of
-# the first second are the surrogate's, and the error of D over its root mean square is at most LIMIT.
-shipped_model_is_near() {
-    runs m4gn hybrid --family "$1" --model "$M4GN_HOME/models/$1.safetensors" --count 1 --seed 99 --end 1 --baseline none \
-        --out hybrid --json hybrid.json
-    figure() { sed -n "/\"runs\"/,\$s/^ *\"$1\": *\([^,]*\),*\$/\1/p" hybrid.json | head -n 1; }
-    below "$(figure displacement)" "$2" "error of D with the shipped model, over its root mean square"
-    holds "$(figure replaced) > 0.75"
-}
-
 # runs COMMAND...: must end with status 0. The log is log.run.
 runs() {
     local status=0

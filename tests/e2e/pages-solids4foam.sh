@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# Takes minutes.
 # The tutorial of docs/tutorials that needs solids4foam, with one draw and to 1 s.
 # shellcheck source=tests/e2e/_follow.sh
 . "$(dirname "${BASH_SOURCE[0]}")/_follow.sh"

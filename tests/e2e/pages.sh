@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# Takes minutes.
 # The tutorials of docs/tutorials that need no solids4foam.
 # shellcheck source=tests/e2e/_follow.sh
 . "$(dirname "${BASH_SOURCE[0]}")/_follow.sh"

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# Takes minutes.
 # Newton-Krylov of solids4foam's branch feature-petsc-snes as a row of 'm4gn hybrid', with the dmd surrogate beside it, and its refusal
 # where the solver has none.
 # shellcheck source=tests/e2e/common.sh

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
+# Takes minutes.
 # solids4foam's own tutorials, of different models and laws: the function objects leave the solver's files as they were to the byte,
 # mode replace goes on from recorded states or is refused in the first time step, by name, and m4gnAnderson comes to the same
-# answer or leaves all to the solver, and says why. Needs solids4foam as tests/e2e/solids4foam.sh does, and
+# answer or leaves all to the solver, and says why. Needs solids4foam as tests/e2e/_solids4foam.sh says, and
 #   SOLIDS4FOAM_DIR        its source, with tutorials/solids and applications/scripts
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"

@@ -1,0 +1,13 @@
+#!/bin/sh
+# RUSTC_WRAPPER of ./Alltest: test programs are compiled without optimisation, which takes a seventh of the time. Optimised are the tests of
+# packages that compute for long. What is tested from outside (libraries, the command) is as it ships. Cargo keeps no account of a wrapper,
+# so that tests that are compiled already stay as they are.
+case " $* " in
+    *" --test "*)
+        case $CARGO_PKG_NAME in
+            m4gn-engine | m4gn-modes | m4gn-averages) ;;
+            *) set -- "$@" -C opt-level=0 ;;
+        esac
+        ;;
+esac
+exec "$@"

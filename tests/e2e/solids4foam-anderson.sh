@@ -1,0 +1,98 @@
+#!/usr/bin/env bash
+# Takes minutes.
+# m4gnAnderson: the solver's own answer, with a fraction of its correctors; stopped and carried on too
+# shellcheck source=tests/e2e/_solids4foam.sh
+. "$(dirname "${BASH_SOURCE[0]}")/_solids4foam.sh"
+make_oracle
+[ "$law" = yes ] || skip "there is no lib/libm4gnSolids4Foam.so (setup/solids4foam.sh makes it)"
+
+# all_correctors: of all time steps, those of m4gnAnderson among them
+all_correctors() {
+    awk '/^m4gn: the next time step is solved/ { n += $9 } /^ *[0-9]+, / { split($1, a, ","); n += a[1] + 1 } END { print n + 0 }' log.run
+}
+anderson='anderson { type m4gnAnderson; libs (m4gnFoam); }'
+while read -r ranks name material traction part held; do
+    what="m4gnAnderson, $name, $held, $ranks ranks"
+    model "$name" "$material" "$traction" Euler
+    sed -i "s/ fixedDisplacement;/ $held;/" 0/*
+    clean_case
+    : > system/functions
+    solve
+    plain=$(all_correctors)
+    if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields '(D sigma)' -time '0.026:'; fi
+    rm -rf ../full && mkdir ../full && mv 0.* ../full
+    clean_case
+    echo "$anderson" > system/functions
+    solve
+    mixed=$(all_correctors)
+    # One is left to the solver to compare with
+    ahead=$(sed -n 's/^m4gn: \([0-9]*\) time steps solved ahead.*/\1/p' log.run)
+    below 50 "$ahead" "$what: least time steps solved ahead"
+    if [ "$ranks" -gt 1 ]; then runs reconstructPar -fields '(D sigma)' -time '0.026:'; fi
+    for time in 0.026 0.052; do
+        for field in D sigma; do
+            below "$(difference ../full/$time/$field $time/$field)" 1e-6 "$what: $field at $time"
+        done
+    done
+    echo "$what: $mixed correctors in place of $plain"
+    below "$mixed" "$(awk "BEGIN { print $part*$plain }")" "$what: correctors"
+    # solids4foam itself carries on from D only
+    if [ "$ranks" -gt 1 ] || [ ! -f 0/D ]; then continue; fi
+    mkdir ../end && mv 0.052 ../end && rm -rf 0.0[345]*
+    sed -i 's/^startFrom .*/startFrom latestTime;/' system/controlDict
+    solve
+    sed -i 's/^startFrom .*/startFrom startTime;/' system/controlDict
+    below "$(difference ../end/0.052/D 0.052/D)" 1e-6 "$what: D of a run that was stopped and carried on"
+    rm -rf ../end
+done <<'EOD'
+1 linearGeometryTotalDisplacement linearElastic 200 0.35 fixedDisplacement
+1 nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000 0.35 fixedDisplacement
+1 linearGeometry linearElastic 200 0.35 fixedDisplacement
+1 nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 0.35 fixedDisplacement
+1 nonLinearGeometryUpdatedLagrangian neoHookeanElastic 2000 0.35 fixedDisplacement
+1 linearGeometryTotalDisplacement linearElastic 200 0.35 fixedDisplacementZeroShear
+1 nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 0.35 fixedDisplacementZeroShear
+2 linearGeometryTotalDisplacement linearElastic 200 0.35 fixedDisplacement
+2 nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 0.35 fixedDisplacement
+EOD
+ranks=1
+clean_case
+{ echo "$anderson"; echo "$watch"; } > system/functions
+refused 'as the last one in functions' solids4Foam
+# What it cannot solve is the solver's, and the log says why
+sed -i 's/^endTime .*/endTime 0.003;/' system/controlDict
+model vertexCentredLinearGeometry linearElastic 200 Euler
+clean_case
+echo "$anderson" > system/functions
+solve
+expect_log 'leaves all time steps to the solver: solidModel is vertexCentredLinearGeometry; needed: linearGeometry'
+# The interface of two materials keeps the stress of the corrector before
+model linearGeometryTotalDisplacement linearElastic 200 Euler
+sed -i 's/^    rubber/    soft { type linearElastic; rho rho [1 -3 0 0 0 0 0] 1000; E E [1 -1 -2 0 0 0 0] 1e5; nu nu [0 0 0 0 0 0 0] 0.3; }\n&/' \
+    constant/mechanicalProperties
+{ header topoSetDict; cat <<'EOD'; } > system/topoSetDict
+actions
+(
+    { name left; type cellSet; action new; source boxToCell; box (-1 -1 -1) (0.1 1 1); }
+    { name rubber; type cellZoneSet; action new; source setToCellZone; set left; }
+    { name right; type cellSet; action new; source boxToCell; box (0.1 -1 -1) (1 1 1); }
+    { name soft; type cellZoneSet; action new; source setToCellZone; set right; }
+);
+EOD
+clean_case
+cp -r constant/polyMesh ../no-zones && runs topoSet
+solve
+expect_log 'leaves all time steps to the solver: 2 materials'
+sed -i 's/^endTime .*/endTime 0.052;/' system/controlDict
+rm -rf constant/polyMesh && mv ../no-zones constant/polyMesh
+# Beside a surrogate: no step after a jump is at the solver's limit, which rough errors would take it to
+model nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000 Euler
+clean_case
+function_object m4gnRecorder "fields (D ddt(D)); writeControl timeStep; writeInterval 1;"
+solve
+rm -rf 0.0*
+function_object m4gnSurrogate "$replace"
+echo "$anderson" >> system/functions
+ORACLE_ROUGH=0.01 solve
+echo "beside a surrogate with a rough error: correctors of the solver $(correctors 0.031)after a jump"
+for n in $(correctors 0.031); do below "$n" 5 'correctors of the solver after a jump'; done
