@@ -8,25 +8,10 @@ import matplotlib
 matplotlib.use("svg")
 import matplotlib.pyplot as plt
 from matplotlib.tri import Triangulation
+from foam_case import field, times
 
-LIST = re.compile(rb"nonuniform\s+List<(\w+)>\s*\n?\s*(\d+)\s*\n?\(")
 FUNCTIONS = "surrogate { type m4gnSurrogate; libs (m4gnFoam); mode replace; surrogates (dmd); dmd { snapshotInterval 0.05; writeModes 1; } }"
 CENTRE, RADIUS = (0.31, 0.212), 0.052
-
-
-def field(path):
-    text = open(path, "rb").read()
-    found = LIST.search(text)
-    width = {b"vector": 3, b"scalar": 1}[found.group(1)]
-    n = int(found.group(2)) * width
-    values = text[found.end() :]
-    if re.search(rb"format\s+ascii", text):
-        return np.array(re.sub(rb"[()]", b" ", values[: values.index(b"\n)\n") + 1]).split()[:n], float).reshape(-1, width)
-    return np.frombuffer(values, "<f8", n).reshape(-1, width)
-
-
-def times(case):
-    return sorted((t for t in os.listdir(case) if re.fullmatch(r"[0-9.]+", t) and float(t) > 0), key=float)
 
 
 def with_modes(run):

@@ -5,27 +5,16 @@ without jumps in time where --jumps is not given. A wake has settled when what
 Uy varies by over a period stays within 2 % of what it is at the end of the plain run, or of a hundredth of the flow's speed where that is more."""
 import os, re, shutil, subprocess, sys
 import numpy as np
+from foam_case import field, times
 
-LIST = re.compile(rb"nonuniform\s+List<vector>\s*\n?\s*(\d+)\s*\n?\(")
 DMD = "snapshotInterval 0.05; cutTransient yes; "
 ALONE = "fitTolerance 1e-9; jumpTolerance 1e-9; "  # no jumps in time
-
-
-def velocity(folder):
-    text = open(f"{folder}/U", "rb").read()
-    found = LIST.search(text)
-    n = int(found.group(1))
-    return np.frombuffer(text, "<f8", 3 * n, found.end()).reshape(n, 3)
-
-
-def times(case):
-    return sorted((t for t in os.listdir(case) if re.fullmatch(r"[0-9.]+", t) and float(t) > 0), key=float)
 
 
 def course(case):
     """Times and Uy there, and the speed at the end."""
     names = times(case)
-    u = [velocity(f"{case}/{t}") for t in names]
+    u = [field(f"{case}/{t}/U") for t in names]
     return np.array([float(t) for t in names]), np.array([x[:, 1] for x in u]), (u[-1] ** 2).sum(1).mean() ** 0.5
 
 

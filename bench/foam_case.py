@@ -1,0 +1,22 @@
+"""Times and fields of an OpenFOAM case, for the scripts beside this file."""
+import os, re
+import numpy as np
+
+LIST = re.compile(rb"nonuniform\s+List<(\w+)>\s*\n?\s*(\d+)\s*\n?\(")
+
+
+def field(path):
+    """Values of a field's cells, cells x components, from an ascii or a binary file."""
+    text = open(path, "rb").read()
+    found = LIST.search(text)
+    width = {b"vector": 3, b"scalar": 1}[found.group(1)]
+    n = int(found.group(2)) * width
+    values = text[found.end() :]
+    if re.search(rb"format\s+ascii", text):
+        return np.array(re.sub(rb"[()]", b" ", values[: values.index(b"\n)\n") + 1]).split()[:n], float).reshape(-1, width)
+    return np.frombuffer(values, "<f8", n).reshape(-1, width)
+
+
+def times(case):
+    """Names of the time folders after 0, in order."""
+    return sorted((t for t in os.listdir(case) if re.fullmatch(r"[0-9.]+", t) and float(t) > 0), key=float)
