@@ -199,8 +199,8 @@ fn page(
     if let Some(of) = balance(&costs(false), &costs(true)) {
         let (cold, checks) = (number(of.cold, 3), of.checks);
         page.paragraph(&format!(
-            "By {checks} checks a cold plain run to the end takes {cold} s of processor time: {} such runs {} s, where these took {} s, {} s with \
-             their checks. {}.",
+            "A cold plain run to the end takes {cold} s of processor time (checks made: {checks}). {} such runs take {} s, where these took {} s, \
+             {} s with their checks. {}.",
             of.runs,
             number(of.runs as f64 * of.cold, 3),
             number(of.own, 3),
