@@ -6,6 +6,7 @@
 #include "addToRunTimeSelectionTable.H"
 #include "m4gnDictionary.H"
 #include "m4gnVersion.H"
+#include "timeControlFunctionObject.H"
 #include "vector.H"
 
 #include <cmath>
@@ -48,6 +49,9 @@ void Foam::functionObjects::m4gnAverages::readQuantities(const dictionary& dict)
                                      << exit(FatalIOError);
     }
     quantities_.clear();
+    silent_.clear();
+    rows_ = false;
+    lastCheck_ = 0;
     averages_.reset(m4gn_averages_new(confidence_));
 
     for (const entry& e : all) {
@@ -75,8 +79,12 @@ void Foam::functionObjects::m4gnAverages::readQuantities(const dictionary& dict)
                                        << ": expected one of them, found both" << exit(FatalIOError);
         }
 
+        q.seldom = q.any = false;
+        q.seen = q.last = 0;
+
         quantities_.append(q);
-        m4gn_averages_add(averages_.get(), q.name.c_str(), q.tolerance, q.relative, q.ofRms);
+        const std::string source(q.functionObject + ' ' + q.result + ' ' + component);
+        m4gn_averages_add(averages_.get(), q.name.c_str(), source.c_str(), q.tolerance, q.relative, q.ofRms);
     }
 }
 
@@ -92,19 +100,22 @@ void Foam::functionObjects::m4gnAverages::start()
     forAll(list, i) {
         others.append(list[i].name());
     }
-    for (const quantity& q : quantities_) {
+    for (quantity& q : quantities_) {
         if (!others.found(q.functionObject)) {
             FatalErrorInFunction << "Quantity " << q.name << " of " << name() << " is of functionObject "
                                  << q.functionObject << ", which this run has not" << nl
                                  << "    It has: " << m4gn::join(others) << exit(FatalError);
         }
+        const auto* at = isA<functionObjects::timeControl>(list[others.find(q.functionObject)]);
+        q.seldom = at && !(at->executeControl().always() && at->writeControl().always());
+        q.last = last_;
     }
 
     string note;
-    if (last_ > time_.startTime().value()) {
+    const fileName path(stateFile(last_));
+    if (last_ > begun_) {
         note = "begins a series at time " + time_.timeName();
     } else if (Pstream::master()) {
-        const fileName path(stateFile(last_));
         char why[1000] = "";
         if (isFile(path)) {
             note = m4gn_averages_load(averages_.get(), path.c_str(), why, sizeof(why)) == 0
@@ -165,6 +176,28 @@ bool Foam::functionObjects::m4gnAverages::value(const quantity& from, scalar& fo
              << ", which has published no result yet; have it in front of " << name() << nl << endl;
     }
     return false;
+}
+
+void Foam::functionObjects::m4gnAverages::addRow(const label i, const bool surrogate)
+{
+    quantity& q = quantities_[i];
+    const scalar now = time_.value();
+    scalar found = 0;
+
+    if (!value(q, found)) {
+        // Nothing yet: the first value stands for the step before it
+        q.last = now;
+        return;
+    }
+    if (q.seldom && q.any && found == q.seen) {
+        return;
+    }
+    if (Pstream::master()) {
+        m4gn_averages_push(averages_.get(), i, now, found, now - q.last, surrogate);
+    }
+    q.any = true;
+    q.seen = found;
+    q.last = now;
 }
 
 bool Foam::functionObjects::m4gnAverages::fromSurrogate() const
@@ -245,14 +278,14 @@ bool Foam::functionObjects::m4gnAverages::check()
 
 Foam::fileName Foam::functionObjects::m4gnAverages::outputDir() const
 {
-    return time_.globalPath() / "postProcessing" / name() / Time::timeName(time_.startTime().value());
+    return time_.globalPath() / "postProcessing" / name() / Time::timeName(begun_);
 }
 
 Foam::functionObjects::m4gnAverages::m4gnAverages(
     const word& name, const Time& runTime, const dictionary& dict)
     : stateFunctionObject(name, runTime), averages_(nullptr, m4gn_averages_free), confidence_(0.95),
-      minTime_(0), stop_(false), checkInterval_(1), last_(runTime.startTime().value()), lastCheck_(0),
-      started_(false), known_(false)
+      minTime_(0), stop_(false), checkInterval_(1), begun_(runTime.startTime().value()), last_(begun_),
+      lastCheck_(0), lastState_(-1), started_(false), rows_(false), known_(false)
 {
     read(dict);
 }
@@ -300,12 +333,16 @@ bool Foam::functionObjects::m4gnAverages::execute()
     if (now <= last_) {
         return true;
     }
+    if (!rows_) {
+        rows_ = true;
+        // Behind a timeStart the first row stands for its own step alone
+        for (quantity& q : quantities_) {
+            q.last = max(last_, now - time_.deltaTValue());
+        }
+    }
     const bool surrogate = fromSurrogate();
     forAll(quantities_, i) {
-        scalar found = 0;
-        if (value(quantities_[i], found) && Pstream::master()) {
-            m4gn_averages_push(averages_.get(), i, now, found, now - last_, surrogate);
-        }
+        addRow(i, surrogate);
     }
     last_ = now;
 
@@ -324,17 +361,22 @@ bool Foam::functionObjects::m4gnAverages::execute()
     if (known_ && stop_ && now >= minTime_) {
         time_.stopAt(Time::stopAtControls::saWriteNow);
     }
+    // Whatever writeControl says: a restart goes on from any write time
+    write();
 
     return true;
 }
 
 bool Foam::functionObjects::m4gnAverages::write()
 {
-    // Written whenever fields are, whatever writeControl says of the tables
-    if (!time_.writeTime() || !Pstream::master()) {
+    if (!time_.writeTime() || lastState_ == time_.timeIndex()) {
         return true;
     }
+    lastState_ = time_.timeIndex();
     const fileName path(stateFile(time_.value()));
+    if (!Pstream::master()) {
+        return true;
+    }
     char why[1000] = "";
     mkDir(path.path());
     if (m4gn_averages_save(averages_.get(), path.c_str(), why, sizeof(why)) != 0) {

@@ -9,7 +9,7 @@ const MAGIC: &[u8; 8] = b"m4gnAvg2";
 
 /// A series as it was: its name, its state of checks, and its rows.
 pub struct Saved {
-    /// Name of the quantity.
+    /// Name of the series.
     pub name: String,
     /// [`Watch::state`].
     pub state: (usize, bool),

@@ -34,7 +34,8 @@ impl Column {
 /// Reads the column `name` of a table.
 ///
 /// `path` is a file, or `FOLDER/FILE` where the restarts of a run have left `FOLDER/0/FILE`, `FOLDER/0.5/FILE`, ...: these are joined
-/// in the order of their folders, each in place of what earlier ones have from its first row on. What is read of a file: [`column`].
+/// in the order of their folders, each in place of what earlier ones have from its first row on. A run that begins again at a time leaves
+/// `FOLDER/0/FILE_0` beside `FOLDER/0/FILE` (OpenFOAM's `writeFile`), which comes behind it. What is read of a file: [`column`].
 ///
 /// # Errors
 /// [`Error::File`] with line and column.
@@ -55,10 +56,20 @@ fn parts(path: &Path) -> Result<Vec<PathBuf>> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut found: Vec<(f64, PathBuf)> = Vec::new();
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let start = entry.file_name().to_str().and_then(|n| n.parse::<f64>().ok()).filter(|t| t.is_finite());
-        let file = entry.path().join(name);
-        if let (Some(start), true) = (start, file.exists()) {
-            found.push((start, file));
+        let time = entry.file_name().to_string_lossy().into_owned();
+        let Some(start) = time.parse::<f64>().ok().filter(|t| t.is_finite()) else { continue };
+        let name = Path::new(name);
+        let mut again = name.with_extension("").into_os_string();
+        again.push(format!("_{time}"));
+        let mut again = PathBuf::from(again);
+        if let Some(extension) = name.extension() {
+            again.as_mut_os_string().push(".");
+            again.as_mut_os_string().push(extension);
+        }
+        for file in [entry.path().join(name), entry.path().join(again)] {
+            if file.exists() {
+                found.push((start, file));
+            }
         }
     }
     if found.is_empty() {
@@ -197,6 +208,24 @@ mod tests {
         let probes = "# Probe 0 (0 0 0)\n# Probe 1 (1 0 0)\n#  Probe  0  1\n#  Time\n 0.1 (1 2 3) (4 5 6)\n";
         assert_eq!(column(probes, "5").unwrap().values, [5.0]);
         assert_eq!(column("1 2\n3 4\n", "1").unwrap().values, [2.0, 4.0]);
+    }
+
+    #[test]
+    fn the_tables_of_a_run_that_began_again_are_joined() {
+        let folder = tempfile::tempdir().unwrap();
+        for (file, text) in [
+            ("0/Cd.dat", "1 1\n2 1\n3 1\n"),
+            ("0/Cd_0.dat", "2 2\n3 2\n4 2\n5 2\n"),
+            ("4/Cd.dat", "5 3\n"),
+            ("4/Cd_0.dat", "6 9\n"),
+        ] {
+            let path = folder.path().join(file);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        }
+        let all = read(&folder.path().join("Cd.dat"), "1").unwrap();
+        assert_eq!(all.times, [1.0, 2.0, 3.0, 4.0, 5.0]);
+        assert_eq!(all.values, [1.0, 2.0, 2.0, 2.0, 3.0]);
     }
 
     #[test]

@@ -107,6 +107,28 @@ averages 'stop yes; minTime 0.5;'
 on_two_ranks icoFoam
 grep -q 'all figures of averages are known' log.run || fail "two ranks know less than one"
 
+# So do two ranks whose files are in one folder, which carry on; values that are published seldom count once; the series are kept whatever writeControl says
+clean_case
+control endTime 0.2 writeInterval 0.1 writeFormat binary
+seldom='pMax { functionObject extremes; result max(p); }'
+beside='extremes { type fieldMinMax; libs (fieldFunctionObjects); fields (p); writeControl timeStep; writeInterval 20; log no; }'
+averages "writeControl timeStep; writeInterval 1000; quantities { $seldom }"
+steps=$(calc "0.2/$(foamDictionary -entry deltaT -value system/controlDict)")
+runs decomposePar -force -fileHandler collated
+runs timeout 300 mpirun -np 2 icoFoam -parallel -fileHandler collated
+expect_log "pMax: too few rows, $(calc "int($steps/20)")\$"
+control startFrom latestTime endTime 0.3
+runs timeout 300 mpirun -np 2 icoFoam -parallel -fileHandler collated
+expect_log 'carries on with the series of .*0.2/uniform/averages.state'
+# Not the series of another quantity that has the same name
+control endTime 0.4
+beside= averages ''
+sed -i 's/result Cd/result Cl/' system/functions
+runs timeout 300 mpirun -np 2 icoFoam -parallel -fileHandler collated
+expect_log 'begins anew: .*0.3/uniform/averages.state: has series of other quantities'
+control startFrom startTime endTime 2.5 writeInterval 0.25 writeFormat ascii
+unset beside
+
 # ill_formed WORDS ENTRIES
 ill_formed() {
     clean_case

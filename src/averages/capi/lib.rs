@@ -10,6 +10,8 @@ use std::path::Path;
 
 struct Quantity {
     name: String,
+    /// Name and source, by which it is found in a file.
+    key: String,
     of_rms: bool,
     watch: Watch,
     last: Option<Estimate>,
@@ -115,17 +117,20 @@ pub unsafe extern "C" fn m4gn_averages_free(averages: *mut Averages) {
 /// `m4gn_averages_add`.
 ///
 /// # Safety
-/// A handle, and a string that ends with a zero.
+/// A handle, and strings that end with a zero.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn m4gn_averages_add(
     averages: *mut Averages,
     name: *const c_char,
+    source: *const c_char,
     tolerance: f64,
     relative: i32,
     of_rms: i32,
 ) {
     // SAFETY: the caller's contract.
-    let (Some(averages), name) = (unsafe { averages.as_mut() }, unsafe { text(name) }) else { return };
+    let (Some(averages), name, source) = (unsafe { (averages.as_mut(), text(name), text(source)) }) else {
+        return;
+    };
     let limit = match tolerance > 0.0 {
         false => None,
         true if relative != 0 => Some(Tolerance::Relative(tolerance)),
@@ -136,6 +141,7 @@ pub unsafe extern "C" fn m4gn_averages_add(
         false => Goal { mean: limit, rms: None },
     };
     averages.all.push(Quantity {
+        key: format!("{name}\n{source}"),
         name: name.into_owned(),
         of_rms: of_rms != 0,
         watch: Watch::new(averages.confidence, goal),
@@ -254,7 +260,7 @@ pub unsafe extern "C" fn m4gn_averages_save(
     // SAFETY: the caller's contract.
     let (averages, path) = unsafe { (averages.as_ref(), text(path)) };
     let all = averages.map(|a| a.all.as_slice()).unwrap_or_default();
-    let done = guarded(|| saved::write(Path::new(&*path), all.iter().map(|q| (q.name.as_str(), &q.watch))));
+    let done = guarded(|| saved::write(Path::new(&*path), all.iter().map(|q| (q.key.as_str(), &q.watch))));
     // SAFETY: the caller's contract.
     unsafe { status(done, why, size) }
 }
@@ -274,12 +280,20 @@ pub unsafe extern "C" fn m4gn_averages_load(
     let (averages, path) = unsafe { (averages.as_mut(), text(path)) };
     let done = guarded(|| {
         let found = saved::read(Path::new(&*path))?;
+        let mut any = false;
         for quantity in averages.map(|a| a.all.as_mut_slice()).unwrap_or_default() {
-            if let Some(saved) = found.iter().find(|saved| saved.name == quantity.name) {
+            if let Some(saved) = found.iter().find(|saved| saved.name == quantity.key) {
                 quantity.watch.carry_on(saved.state, &saved.rows);
+                any = true;
             }
         }
-        Ok(())
+        let other = || {
+            Error::file(
+                &*path,
+                "has series of other quantities: expected functionObject, result and component as in the run before",
+            )
+        };
+        any.then_some(()).ok_or_else(other)
     });
     // SAFETY: the caller's contract.
     unsafe { status(done, why, size) }
@@ -299,7 +313,7 @@ mod tests {
             assert!(m4gn_averages_new(1.0).is_null());
             let make = || {
                 let a = m4gn_averages_new(0.95);
-                m4gn_averages_add(a, c"Cl".as_ptr(), 0.05, 1, 1);
+                m4gn_averages_add(a, c"Cl".as_ptr(), c"forces Cl none".as_ptr(), 0.05, 1, 1);
                 a
             };
             let a = make();
@@ -324,6 +338,11 @@ mod tests {
             assert_eq!(m4gn_averages_load(b, path.as_ptr(), why.as_mut_ptr(), why.len()), 0);
             assert_eq!(m4gn_averages_check(b, 0, &mut figures), 0);
             assert_eq!((figures.rows, figures.settled), (500, 1), "the second check in a row");
+            let other = m4gn_averages_new(0.95);
+            m4gn_averages_add(other, c"Cl".as_ptr(), c"forces2 Cl none".as_ptr(), 0.05, 1, 1);
+            assert_eq!(m4gn_averages_load(other, path.as_ptr(), why.as_mut_ptr(), why.len()), 1);
+            assert!(text(why.as_ptr()).contains("has series of other quantities"));
+            m4gn_averages_free(other);
             assert_eq!(m4gn_averages_load(b, c"/nowhere".as_ptr(), why.as_mut_ptr(), why.len()), 1);
             assert!(text(why.as_ptr()).starts_with("/nowhere: cannot be read"));
             m4gn_averages_free(a);

@@ -44,9 +44,15 @@ void m4gn_averages_free(m4gn_averages* averages);
 
 //- Adds a series. Tolerance: largest half-width, over the figure's magnitude
 //  if relative; 0: the figure is told, and never waited for. of_rms: of the
-//  rms of the fluctuations, in place of the mean. The name is UTF-8.
+//  rms of the fluctuations, in place of the mean. The name is UTF-8, and so is
+//  what its values are of: a series of another source is not carried on.
 void m4gn_averages_add(
-    m4gn_averages* averages, const char* name, double tolerance, int32_t relative, int32_t of_rms);
+    m4gn_averages* averages,
+    const char* name,
+    const char* source,
+    double tolerance,
+    int32_t relative,
+    int32_t of_rms);
 
 //- Adds a row to a series: a value, and the time (s) that it stands for, which
 //  ends at time. 0, or 1 if it is refused: not later than the last one, or
@@ -66,8 +72,8 @@ void m4gn_averages_line(const m4gn_averages* averages, size_t series, char* text
 //- Writes all series to a file, whole or not at all. 0, or 1 and why not.
 int32_t m4gn_averages_save(const m4gn_averages* averages, const char* path, char* why, size_t size);
 
-//- Reads what a file has of series of these names. 0, or 1 and why not: the
-//  series are then as they were.
+//- Reads what a file has of series of these names and sources. 0, or 1 and
+//  why not, as where it has none of them: the series are then as they were.
 int32_t m4gn_averages_load(m4gn_averages* averages, const char* path, char* why, size_t size);
 
 #ifdef __cplusplus
