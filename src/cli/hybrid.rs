@@ -166,6 +166,12 @@ fn plan(args: &Args) -> Result<Plan> {
     }
     let mut variants = variants(&family, &schedule, model.is_some(), &args.variant, &args.baseline)?;
     if args.answers {
+        if variants.iter().any(|v| v.name == "plain") {
+            return Err(Error::Input(
+                "'plain' is the name of a run of --answers: expected another name of a variant or a baseline"
+                    .into(),
+            ));
+        }
         variants.insert(0, Variant { name: "plain".into(), kind: Kind::Plain(Settings::default()) });
     }
     if !variants.iter().any(|v| matches!(v.kind, Kind::Hybrid { .. })) {

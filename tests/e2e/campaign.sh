@@ -104,6 +104,10 @@ expect_log 'check: .*surrogate = "dmd" fits, with dmd { snapshotInterval '
 entries=$(sed -n 's/.*fits, with //p' log.run)
 grep -qxF "# surrogate_entries = \"$entries\"" study/campaign.toml || fail "not the entries of the check: $(cat study/campaign.toml)"
 refused 'is there already' m4gn campaign init cavity --out study --parameter Ulid=1,2
+refused 'lies in the case' m4gn campaign init cavity --out study/../cavity/own --parameter Ulid=1,2
+mkdir own && echo 'case_name,Ulid' > own/parameters.csv
+refused 'own/parameters.csv: is there already' m4gn campaign init cavity --out own --parameter Ulid=1,2
+[ "$(cat own/parameters.csv)" = 'case_name,Ulid' ] || fail "the user's parameters.csv was changed"
 refused 'has no \[\[quantity\]\]' m4gn campaign run --store study
 quantity study 'scale = "Ulid"' 'held_out = 0.25' 'start = "nearest"'
 refused 'has no run r7: expected one of r01' m4gn campaign one r7 --store study
@@ -134,7 +138,7 @@ below "$(off "$(value study "$run" | head -n 1)" "$checked")" 0.006 "mean speed 
 # A creeping flow: four times the lid's speed, four times the mean
 holds "$(value study r04)/$(value study r01) > 3.5 && $(value study r04)/$(value study r01) < 4.5"
 grep -q '<svg' study/report.html || fail "the page has no chart"
-grep -q 'a cold plain run to the end takes' study/report.html || fail "the page does not say what cold runs would take"
+grep -q 'A cold plain run to the end takes' study/report.html || fail "the page does not say what cold runs would take"
 ! grep -n 'NaN' study/report.html || fail "the page has figures that are none"
 # by_itself ULID: the stock solver by itself, in plain
 by_itself() {
@@ -257,10 +261,22 @@ failed 'expected a number of DAKOTA_VARS'
 refused 'numberOfSubdomains is 2: expected the 3 of --ranks' m4gn campaign init cavity --out ranks --parameter Ulid=1,1.2 --parameter n=20 --ranks 3
 runs m4gn campaign init cavity --out ranks --parameter Ulid=1,1.2 --parameter n=20 --ranks 2
 quantity ranks 'scale = "Ulid"'
-runs m4gn campaign run --store ranks
+runs m4gn campaign one r01 --store ranks
+runs env FOAM_FILEHANDLER=collated m4gn campaign run --store ranks
 runs m4gn campaign report --store ranks
 below "$(off "$(value ranks r01)" "$(value other r01)")" 0.006 "mean speed on two ranks against one"
 [ -z "$(ls -d ranks/runs/*/case/processor* 2> /dev/null)" ] || fail "folders of ranks are left"
+
+# An end that is a parameter is each run's own
+sed -i 's/^endTime .*/#include "<system>\/simulationParameters"\nendTime $stopAfter;/' cavity/system/controlDict
+runs m4gn campaign init cavity --out ends --parameter Ulid=1 --parameter n=20 --parameter stopAfter=0.1,0.2
+quantity ends 'stop = false'
+sed -i 's/^min_time = .*/min_time = 0/' ends/campaign.toml
+runs m4gn campaign run --store ends
+grep -q '"end_time": 0.1,' ends/runs/r01/done && grep -q '"end_time": 0.2,' ends/runs/r02/done ||
+    fail "not each its own end: $(grep -h end_time ends/runs/*/done)"
+sed -i '/simulationParameters/d; s/^endTime .*/endTime 2;/' cavity/system/controlDict
+rm cavity/system/simulationParameters
 
 # A flow that repeats itself: runs between others start from the cycles of these
 # shellcheck disable=SC2016  # names of OpenFOAM

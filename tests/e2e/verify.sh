@@ -59,6 +59,8 @@ cp 0.5/U "$ended/U"
 verify 1 --json ../verify.json
 shows "the jump that is wrong" "[j['within'] for j in jumps] == [False] + [True]*($jumps - 1)"
 
+refused 'lies in the case' m4gn verify . --keep verified
+
 # Without writeJumps
 clean_case
 control writeInterval 0.1

@@ -79,7 +79,7 @@ pub struct Source {
 }
 
 impl Source {
-    /// Reads what `controlDict` says, in a copy of `system` in `scratch` with these parameters where the case has none yet.
+    /// Reads what `controlDict` says with these parameters, in a copy of `system` in `scratch`.
     ///
     /// # Errors
     /// [`Error::File`] for a folder that is no case, and an entry that is missing.
@@ -92,9 +92,7 @@ impl Source {
             ));
         }
         copy_all(&folder.join("system"), &scratch.join("system"))?;
-        if !scratch.join(PARAMETERS).exists() {
-            write(&scratch.join(PARAMETERS), parameters)?;
-        }
+        write(&scratch.join(PARAMETERS), parameters)?;
         let copy = scratch.join("system/controlDict");
         let in_the_case = |e: Error| match e {
             Error::File { message, .. } => {
@@ -115,6 +113,20 @@ impl Source {
         let (start, end, application) = (number("startTime")?, number("endTime")?, wanted("application")?);
         let functions = function_objects(scratch, &copy, tools).map_err(in_the_case)?;
         Ok(Source { folder: folder.to_path_buf(), start, end, application, functions })
+    }
+
+    /// Whether its times are numbers in `controlDict` itself, and so the same for all parameters.
+    pub fn has_fixed_times(&self) -> bool {
+        let text = files::read_text(&self.folder.join("system/controlDict")).unwrap_or_default();
+        let text: String =
+            text.lines().flat_map(|line| [line.split("//").next().unwrap_or_default(), "\n"]).collect();
+        let is_number = |name: &str| {
+            let values =
+                text.split(';').filter_map(|entry| entry.trim_end().rsplit_once(char::is_whitespace));
+            let mut own = values.filter(|(before, _)| before.trim_end().ends_with(name)).peekable();
+            own.peek().is_some() && own.all(|(_, value)| value.parse::<f64>().is_ok())
+        };
+        is_number("startTime") && is_number("endTime")
     }
 
     /// Names in the case's folder that are copied: all but other times, and what runs have left.
@@ -319,6 +331,24 @@ mod tests {
         ];
         let (_dir, source) = source(&files);
         assert_eq!(source.files().unwrap(), ["0/U", "constant/g", "system/controlDict"]);
+    }
+
+    #[test]
+    fn times_that_depend_on_parameters_are_told_from_numbers() {
+        let (_dir, source) = source(&["system/controlDict"]);
+        let fixed = |end: &str| {
+            let text =
+                format!("FoamFile {{ format ascii; }}\n// endTime 3;\nstartTime 0;\n{end}\ndeltaT 1;\n");
+            fs::write(source.folder.join("system/controlDict"), text).unwrap();
+            source.has_fixed_times()
+        };
+        assert!(fixed("endTime         2.5e1;"));
+        assert!(fixed("endTime 2; // s"));
+        for end in
+            ["endTime $T;", "endTime #eval{ 20/$Uin };", "#include \"times\"", "endTime 2;\nendTime $T;"]
+        {
+            assert!(!fixed(end), "{end}");
+        }
     }
 
     #[test]

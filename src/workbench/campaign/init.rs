@@ -6,7 +6,7 @@ use super::sampling::{Method, Parameter, sample};
 use super::survey::{check_uses, commands};
 use super::{settings, table};
 use crate::check::{self, Case, Plan};
-use crate::generate::openfoam::plain_path;
+use crate::generate::openfoam::{lies_in, plain_path};
 use crate::generate::process::Surroundings;
 use crate::user_case::{entry, keywords};
 use m4gn_base::{Error, Result, files, refuse};
@@ -57,13 +57,15 @@ pub struct Found {
 pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
     let (case, out) = (plain_path(&request.case)?, plain_path(&request.out)?);
     let file = out.join(settings::FILE);
+    for there in [&file, &out.join(table::FILE)] {
+        refuse(
+            there.exists(),
+            |m| Error::file(there, m),
+            || "is there already: expected a folder without a campaign; edit that file, or choose another folder",
+        )?;
+    }
     refuse(
-        file.exists(),
-        |m| Error::file(&file, m),
-        || "is there already: expected a folder without a campaign; edit that file, or choose another folder",
-    )?;
-    refuse(
-        out.starts_with(&case),
+        lies_in(&out, &case),
         |m| Error::file(&out, m),
         || "lies in the case: expected a folder outside of it",
     )?;

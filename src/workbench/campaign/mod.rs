@@ -42,7 +42,7 @@ use start::Sister;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicU8;
 use std::time::Duration;
-use table::Table;
+use table::{Row, Table};
 
 /// An open campaign.
 pub struct Campaign {
@@ -77,6 +77,23 @@ pub fn surroundings(stop: &'static AtomicU8) -> Result<Surroundings> {
     Ok(Surroundings { stop, timeout: Duration::from_secs(86_400), asks: false, environment })
 }
 
+/// A folder of its own, which goes with what is returned.
+fn scratch() -> Result<tempfile::TempDir> {
+    tempfile::tempdir().map_err(|e| Error::Input(format!("there is no place for temporary files: {e}")))
+}
+
+/// Refuses a run that would end before it starts.
+fn check_times(settings: &Settings, source: &Source, path: &Path) -> Result<()> {
+    let end = settings.end_time.unwrap_or(source.end);
+    match end > source.start {
+        true => Ok(()),
+        false => Err(Error::file(
+            path,
+            format!("end_time = {end}: expected a time behind the case's startTime {}", source.start),
+        )),
+    }
+}
+
 impl Campaign {
     /// Opens the campaign of a folder.
     ///
@@ -98,19 +115,27 @@ impl Campaign {
             named.chain((settings.ranks > 1).then_some("mpirun")).filter(|p| !p.contains('/')).collect();
         environment(&programs)?;
         tools.timeout = Duration::from_secs(settings.time_limit);
-        let scratch = tempfile::tempdir()
-            .map_err(|e| Error::Input(format!("there is no place for temporary files: {e}")))?;
+        let scratch = scratch()?;
         let source =
             Source::read(&settings.case, scratch.path(), &case::parameters(&table, &table.rows[0]), tools)?;
-        let end = settings.end_time.unwrap_or(source.end);
-        if end <= source.start {
-            return Err(Error::file(
-                path,
-                format!("end_time = {end}: expected a time behind the case's startTime {}", source.start),
-            ));
-        }
+        check_times(&settings, &source, &path)?;
         let (files, places) = (source.digests()?, table.places());
         Ok(Campaign { folder, settings, table, source, files, places })
+    }
+
+    /// The case as it is with a row's parameters, on which its times may depend.
+    ///
+    /// # Errors
+    /// As [`Source::read`].
+    fn source_of(&self, row: &Row, tools: &Surroundings) -> Result<Source> {
+        if self.source.has_fixed_times() {
+            return Ok(self.source.clone());
+        }
+        let scratch = scratch()?;
+        let source =
+            Source::read(&self.settings.case, scratch.path(), &case::parameters(&self.table, row), tools)?;
+        check_times(&self.settings, &source, &self.folder.join(settings::FILE))?;
+        Ok(source)
     }
 
     /// The run of a row.
@@ -130,9 +155,20 @@ impl Campaign {
 
     /// All runs: in the order in which they are made while none is finished.
     pub fn units(&self) -> Vec<Unit> {
-        let checks = sampling::held_out(self.table.rows.len(), self.settings.held_out);
         let rows = order::spread(&self.places).into_iter().map(|row| Unit { row, check: false });
-        rows.chain(checks.into_iter().map(|row| Unit { row, check: true })).collect()
+        rows.chain(self.checks().into_iter().map(|row| Unit { row, check: true })).collect()
+    }
+
+    /// Rows that are made once more as a check: those that are there, though rows were added since, and others up to the share.
+    fn checks(&self) -> Vec<usize> {
+        let there =
+            |row: &usize| self.folder_of(Unit { row: *row, check: true }).join(record::DONE).is_file();
+        let asked = sampling::held_out(self.table.rows.len(), self.settings.held_out);
+        let mut rows: Vec<usize> = (0..self.table.rows.len()).filter(there).collect();
+        let missing = asked.len().saturating_sub(rows.len());
+        rows.extend(asked.into_iter().filter(|row| !there(row)).take(missing));
+        rows.sort_unstable();
+        rows
     }
 
     /// Name of a run, for people.
@@ -177,5 +213,41 @@ impl Campaign {
         }
         start::nearest_first(&mut sisters);
         Ok(sisters)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn checks_that_are_there_count_though_rows_are_added() {
+        let dir = tempfile::tempdir().unwrap();
+        let settings = "case = \"c\"\nsolver = [\"icoFoam\"]\nheld_out = 0.1\n";
+        let source = Source {
+            folder: dir.path().to_path_buf(),
+            start: 0.0,
+            end: 1.0,
+            application: String::new(),
+            functions: Vec::new(),
+        };
+        let mut campaign = Campaign {
+            folder: dir.path().to_path_buf(),
+            settings: toml::from_str(settings).unwrap(),
+            table: Table { parameters: vec!["u".into()], rows: Vec::new() },
+            source,
+            files: MadeFrom::default(),
+            places: Vec::new(),
+        };
+        let mut checks = |rows: usize| {
+            let row = |i: usize| Row { name: format!("r{i}"), values: vec![i.to_string()] };
+            campaign.table.rows = (0..rows).map(row).collect();
+            campaign.checks()
+        };
+        assert_eq!((checks(7), checks(8)), (vec![3], vec![4]));
+        let there = dir.path().join("checks/r3");
+        std::fs::create_dir_all(&there).unwrap();
+        std::fs::write(there.join(record::DONE), "").unwrap();
+        assert_eq!((checks(7), checks(8), checks(17)), (vec![3], vec![3], vec![3, 4]));
     }
 }

@@ -81,7 +81,8 @@ pub(super) fn stale(folder: &Path, what: &str) -> Error {
 }
 
 fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> Result<Record> {
-    let (settings, source, row) = (&campaign.settings, &campaign.source, &campaign.table.rows[unit.row]);
+    let (settings, row) = (&campaign.settings, &campaign.table.rows[unit.row]);
+    let source = campaign.source_of(row, tools)?;
     let begin = Instant::now();
     let mut clock = Clock::new()?;
     clear(case)?;
@@ -164,8 +165,10 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
 
 /// Name and value of the last time of a run, which is in the folders of its ranks until it is reconstructed.
 fn ended(case: &Path, start: f64, log: &Path) -> Result<(String, f64)> {
-    let ranks = case.join("processor0");
-    last_time(if ranks.is_dir() { &ranks } else { case }, start)?.ok_or_else(|| {
+    // Of one rank, or of all in one folder (collated)
+    let of_ranks = |name: &String| name.starts_with("processor") && case.join(name).is_dir();
+    let ranks = names(case)?.into_iter().find(of_ranks).map(|name| case.join(name));
+    last_time(ranks.as_deref().unwrap_or(case), start)?.ok_or_else(|| {
         Error::file(log, format!("expected fields behind time {start} from the run, found none"))
     })
 }

@@ -2,6 +2,7 @@
 //! recorded.
 
 use super::family::{Draw, FILE, Family, RESERVED};
+use super::openfoam::lies_in;
 use super::parameter::Value;
 use super::process::Surroundings;
 use super::queue::{Case, other_number};
@@ -133,15 +134,7 @@ impl Family {
     /// # Errors
     /// [`Error::Input`] that names both.
     pub fn check_outside(&self, folder: &Path) -> Result<()> {
-        let mut existing = folder;
-        let real = loop {
-            match (existing.canonicalize(), existing.parent()) {
-                (Ok(real), _) => break real,
-                (Err(_), Some(parent)) => existing = parent,
-                (Err(_), None) => return Ok(()),
-            }
-        };
-        match real.starts_with(&self.folder) {
+        match lies_in(folder, &self.folder) {
             false => Ok(()),
             true => Err(Error::Input(format!(
                 "{} lies inside of the family's folder {}, all files of which are copied into each case: choose another folder",

@@ -59,6 +59,13 @@ pub fn plain_path(folder: &Path) -> Result<PathBuf> {
     Ok(path)
 }
 
+/// Whether a folder, which need not be there yet, is another one or lies in it, links followed.
+pub fn lies_in(folder: &Path, other: &Path) -> bool {
+    let Ok(other) = other.canonicalize() else { return false };
+    let real = folder.ancestors().find_map(|existing| existing.canonicalize().ok());
+    real.is_some_and(|real| real.starts_with(other))
+}
+
 /// The folder's full path.
 ///
 /// # Errors

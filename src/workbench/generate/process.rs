@@ -4,6 +4,7 @@ use super::guard::Guard;
 use m4gn_base::ffi::ask_to_end;
 use m4gn_base::{Error, Result, lock};
 use std::io::{Read, Seek, SeekFrom};
+use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -107,6 +108,13 @@ impl Surroundings {
         drop(guard);
         if status.success() {
             return Ok(());
+        }
+        // A signal to all of a job ends the program first, and is noticed here a moment later
+        if status.signal().is_some() {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        if self.stopped() {
+            return Err(stopped());
         }
         Err(Error::file(&log, format!("{name} failed ({status}){}{}", reason(&log), full(folder))))
     }

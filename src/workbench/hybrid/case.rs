@@ -25,6 +25,8 @@ pub(super) struct Job<'a> {
     pub settings: &'a Settings,
     /// Of the model and of the libraries that run it.
     pub surrogate: Digest,
+    /// Of the library that finds figures and ends runs, where there are some.
+    pub averages: Digest,
     pub comparing: &'a Mutex<()>,
     pub report: &'a (dyn Fn(Event) + Sync),
 }
@@ -146,6 +148,9 @@ impl Job<'_> {
         let times = format!("{} {} {} {}", s.start_up, s.end, s.interval, s.solver_time);
         digest.add("schedule", times.as_bytes());
         digest.add("patch", s.patch.as_deref().unwrap_or_default().as_bytes());
+        if answers.is_some() {
+            digest.add("averages", self.averages.text().as_bytes());
+        }
         if let Some(full) = full {
             digest.add("surrogate steps", &s.surrogate_steps.to_le_bytes());
             digest.add("full", full.key.as_bytes());

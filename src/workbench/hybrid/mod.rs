@@ -125,12 +125,17 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
         let bytes = files::read(&file).map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
         surrogate.add("file", &bytes);
     }
+    let mut averages = Digest::default();
+    if plan.answers {
+        averages.add_file("file", &plugin::find("libm4gnAverages.so", remedy)?)?;
+    }
     // Before there are threads, and before anything is run that could not be compared.
     foam_bridge::load()?;
     let folders = plan.stretches.iter().filter(|f| **f != plan.folder).chain([&plan.folder]);
     let _locks = folders.map(|f| lock::folder(f)).collect::<Result<Vec<_>>>()?;
     let comparing = Mutex::new(());
-    let job = case::Job { plan, settings: &settings, surrogate, comparing: &comparing, report: &report };
+    let job =
+        case::Job { plan, settings: &settings, surrogate, averages, comparing: &comparing, report: &report };
     let mut results: Vec<DrawResult> = Vec::new();
     let run = |i: usize| Some(job.run(i as u64, &draws[i]));
     queue::in_parallel((plan.jobs, draws.len()), &plan.tools, run, |_, result| {

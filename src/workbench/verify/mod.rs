@@ -10,7 +10,7 @@ pub use jumps::Jump;
 pub use report::{Report, Verified};
 
 use crate::foam_case::FoamCase;
-use crate::generate::openfoam::{environment, plain_path};
+use crate::generate::openfoam::{environment, lies_in, plain_path};
 use crate::generate::process::Surroundings;
 use crate::generate::queue::in_parallel;
 use crate::user_case::{Copy, LEFT_OUT, copy_all, names};
@@ -208,6 +208,9 @@ impl Kept {
         let name = plain_path(keep)?;
         if name.exists() {
             return Err(Error::file(name, "is there already: --keep makes a folder of its own"));
+        }
+        if lies_in(&name, case) {
+            return Err(Error::file(name, "lies in the case: expected a folder outside of it"));
         }
         let parent = name.parent().unwrap_or(Path::new("/"));
         let room = tempfile::Builder::new()
