@@ -80,6 +80,9 @@ void Foam::functionObjects::m4gnRecorder::open()
     }
     if (Pstream::master()) {
         mkDir(path_.path());
+        if (file_.empty()) {
+            tellOfKilled();
+        }
     }
 
     // A run that was killed has left its recording beside the final name
@@ -109,6 +112,19 @@ void Foam::functionObjects::m4gnRecorder::open()
     }
 
     Log << type() << ' ' << name() << ": recording " << m4gn::join(fieldNames_) << " to " << path_ << endl;
+}
+
+void Foam::functionObjects::m4gnRecorder::tellOfKilled() const
+{
+    const fileName runs(path_.path().path());
+    for (const fileName& start : readDir(runs, fileName::DIRECTORY)) {
+        const fileName killed(runs / start / ('.' + path_.name() + ".partial"));
+        if (start != path_.path().name() && isFile(killed, false)) {
+            WarningInFunction << "A run that was killed has left " << killed << nl << "    A run with file \""
+                              << runs / start / path_.name() << "\" keeps its whole frames as ...-killed.h5"
+                              << endl;
+        }
+    }
 }
 
 void Foam::functionObjects::m4gnRecorder::checkSource()
@@ -202,9 +218,13 @@ Foam::dictionary Foam::functionObjects::m4gnRecorder::provenance(const dictionar
 
 bool Foam::functionObjects::m4gnRecorder::runComplete() const
 {
-    // In post-processing, end() is called after the last time, or an error
-    // came before it
-    return !postProcess && time_.value() >= time_.endTime().value() - 0.5 * time_.deltaTValue();
+    const scalar half = 0.5 * time_.deltaTValue();
+    if (postProcess) {
+        // end() is called after the last time, but by timeControl not after a
+        // timeEnd, or an error came before it
+        return time_.value() > dict_.getOrDefault<scalar>("timeEnd", VGREAT) + half;
+    }
+    return time_.value() >= time_.endTime().value() - half;
 }
 
 Foam::functionObjects::m4gnRecorder::m4gnRecorder(
@@ -217,7 +237,12 @@ Foam::functionObjects::m4gnRecorder::m4gnRecorder(
 
 Foam::functionObjects::m4gnRecorder::~m4gnRecorder()
 {
-    if (runComplete()) {
+    // Taken out of controlDict while the solver runs: the mesh is still there
+    const bool takenOut = recorder_ && !postProcess && !runComplete() && time_.names<fvMesh>().size();
+    if (takenOut) {
+        Info << "m4gn: " << name() << " is taken out of the run; its recording ends here" << nl << endl;
+    }
+    if (takenOut || runComplete()) {
         finish();
     }
     m4gn_recorder_free(recorder_);

@@ -32,6 +32,11 @@ for command in 'icoFoam -postProcess' postProcess; do
     rm -r postProcessing
 done
 
+recorder 'timeEnd 0.051;'
+runs postProcess -time '0.02:'
+frames $file 4 '0.02 to 0.05 s'
+rm -r postProcessing
+
 # A run that is killed leaves none
 clean_case
 control endTime 100
