@@ -70,8 +70,6 @@ void Foam::functionObjects::m4gnPredictor::checkRun() const
         FatalErrorInFunction << "Function object " << name() << " predicts for a solver that " << replacer
                              << " replaces" << nl << "    Have one of them in a run" << exit(FatalError);
     }
-
-    m4gn::checkLast(*this, time_, "a guess");
 }
 
 void Foam::functionObjects::m4gnPredictor::remember(const vectorField& D)
@@ -147,6 +145,8 @@ bool Foam::functionObjects::m4gnPredictor::execute()
         checkRun();
         stress_.reset(new m4gnExplicitStress(mesh_));
     }
+    // Each time: controlDict may have got more function objects
+    m4gn::checkLast(*this, time_, "a guess");
 
     checkConverged();
 

@@ -10,12 +10,13 @@ namespace
 {
 using namespace Foam;
 
-//- Kinds of Foam::Function1 that are not constant
+//- Kinds of Foam::Function1 and Foam::PatchFunction1 that are not constant
 bool isFunction(const word& name)
 {
     static const wordHashSet names(
-        {"coded", "csvFile", "halfCosineRamp", "linearRamp", "polynomial", "quadraticRamp",
-         "quarterCosineRamp", "quarterSineRamp", "scale", "sine", "square", "table", "tableFile"});
+        {"coded", "cosine", "csvFile", "expression", "functionObjectValue", "halfCosineRamp", "linearRamp",
+         "mappedFile", "polynomial", "quadraticRamp", "quarterCosineRamp", "quarterSineRamp", "sample",
+         "scale", "sine", "square", "step", "table", "tableFile"});
     return names.found(name);
 }
 

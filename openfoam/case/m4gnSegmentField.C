@@ -189,17 +189,24 @@ bool Foam::m4gn::writeSegments(
     const word instance(folder.empty() ? Time::timeName(time.startTime().value()) : folder);
     const fileNameList folders(segmentFolders(mesh, instance));
 
-    // Somebody's own segments are not ours to replace
-    string note;
-    if (Pstream::master()) {
-        note = noteOf(time, folders.first() / segmentName);
-        if (note.size() && readSegmentRecord(folders).size()) {
-            note = "m4gn";
+    // Somebody's own segments are not ours to replace: those of the ranks,
+    // which the file handler finds with all ranks together, and those of the
+    // undecomposed case
+    const fileName mine(fileHandler().filePath(folders.first() / segmentName));
+    bool ours = true;
+    if (Pstream::master() && readSegmentRecord(folders).empty()) {
+        fileNameList files(1, mine);
+        if (Pstream::parRun()) {
+            files.append((isDir(folders[1]) ? folders[1] : folders[2]) / segmentName);
+        }
+        for (const fileName& file : files) {
+            const string note(noteOf(time, file));
+            ours = ours && (note.empty() || note.substr(0, 4) == "m4gn");
         }
     }
-    m4gn::broadcast(note);
+    m4gn::broadcast(ours);
 
-    if (note.size() && note.substr(0, 4) != "m4gn") {
+    if (!ours) {
         Info << "m4gn: " << (instance / segmentName).c_str()
              << " was not written by m4gn and is left as it is; the segments"
              << " of this run are not stored. Remove the file to have them"

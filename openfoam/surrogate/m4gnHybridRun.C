@@ -12,6 +12,8 @@
 #include "Time.H"
 #include "writeFile.H"
 
+#include <limits>
+
 namespace
 {
 using namespace Foam;
@@ -89,8 +91,9 @@ template <class Call> m4gn_ride_answer Foam::m4gnHybridRun::ask(const Call& call
 Foam::m4gnHybridRun::m4gnHybridRun(
     const word& name, const fvMesh& mesh, const dictionary& dict, m4gnSession* session, m4gnState& state,
     const m4gnConditions& conditions)
-    : name_(name), mesh_(mesh), dict_(dict), observes_(dict.get<word>("mode") == "observe"),
-      session_(session), state_(state), conditions_(conditions), kinds_(kinds(dict)), ride_(nullptr),
+    : name_(name), mesh_(mesh), dict_(dict), start_(mesh.time().startTime().value()),
+      dir_(m4gn::outputDir(name, mesh)), observes_(dict.get<word>("mode") == "observe"), session_(session),
+      state_(state), conditions_(conditions), kinds_(kinds(dict)), ride_(nullptr),
       quantities_(quantities(dict)), tables_(5)
 {
     dictionary own(dict);
@@ -111,10 +114,12 @@ Foam::m4gnHybridRun::m4gnHybridRun(
         own.set("states", string(mesh.time().globalPath() / "postProcessing" / name / "states"));
     }
 
-    // It is made after the first step
+    // It is made after the first step, or the one at which it came into a run
+    const Time& time = mesh.time();
+    const bool late = time.timeIndex() > time.startTimeIndex() + 1;
     m4gn_ride_step start(now());
-    start.time = mesh.time().startTime().value();
-    start.index = mesh.time().startTimeIndex();
+    start.time = late ? time.value() - time.deltaTValue() : start_;
+    start.index = late ? time.timeIndex() - 1 : time.startTimeIndex();
     m4gn_host host{};
     if (session) {
         host.session = session->handle();
@@ -225,6 +230,11 @@ void Foam::m4gnHybridRun::reported(const functionObjects::stateFunctionObject& r
     for (const dictionary& quantity : quantities_) {
         const word object(quantity.get<word>("object"));
         const word result(quantity.get<word>("result"));
+        if (results.objectResultEntries(object).empty()) {
+            // Not executed yet
+            values.push_back(std::numeric_limits<double>::quiet_NaN());
+            continue;
+        }
         const word type(results.objectResultType(object, result));
         if (type != pTraits<scalar>::typeName) {
             FatalErrorInFunction << "Entry quantities of " << name_ << " has the result " << result << " of "

@@ -3,6 +3,7 @@
 // The run's files: what a run is carried on from, tables, totals, fields of errors; and its log
 
 #include "m4gnHybridRun.H"
+#include "m4gnClockwork.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
 #include "m4gnNodeTypes.H"
@@ -48,7 +49,11 @@ void Foam::m4gnHybridRun::listen()
         const std::string rows(m4gn_ride_text(ride_, files[i].first));
         if (rows.size()) {
             if (!tables_.set(i)) {
+                scalar& counted = m4gnClockwork::start(const_cast<Time&>(mesh_.time()));
+                const scalar later = counted;
+                counted = start_;
                 tables_.set(i, new functionObjects::writeFile(mesh_, name_, files[i].second, dict_));
+                counted = later;
             }
             if (Pstream::master() && tables_[i].writeToFile()) {
                 tables_[i].file() << rows.c_str() << flush;
@@ -145,9 +150,8 @@ void Foam::m4gnHybridRun::end()
         return;
     }
 
-    const fileName dir(m4gn::outputDir(name_, mesh_));
-    mkDir(dir);
-    OFstream os(dir / "summary.json");
+    mkDir(dir_);
+    OFstream os(dir_ / "summary.json");
     os << summary.c_str();
 
     if (!os.good()) {

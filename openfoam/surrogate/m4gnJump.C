@@ -80,7 +80,8 @@ Foam::scalar Foam::m4gnJump::within() const
 {
     // Within a jump Time has its own deltaT
     const scalar deltaT = jumping_ ? last_.solverDeltaT : time_.deltaTValue();
-    const scalar next = time_.isAdjustTimeStep() ? m4gnClockwork::adjusted(time_, deltaT) : deltaT;
+    const scalar next =
+        time_.isAdjustTimeStep() ? m4gnClockwork::adjusted(time_, deltaT, writesFrom_) : deltaT;
     const label steps =
         min(others_.size() ? interval_ : labelMax, m4gnClockwork::toWrite(time_, next, writesFrom_));
 

@@ -15,6 +15,7 @@
 #include "m4gnSchemeFields.H"
 #include "m4gnVersion.H"
 #include "Time.H"
+#include "timeControlFunctionObject.H"
 
 namespace Foam
 {
@@ -58,6 +59,9 @@ void Foam::functionObjects::m4gnSurrogate::load()
     }
 
     checkOthers();
+    auto& list = const_cast<Time&>(time_).functionObjects();
+    const label own = list.findObjectID(name());
+    control_ = own < 0 ? nullptr : dynamic_cast<functionObjects::timeControl*>(&list[own]);
     if (check_) {
         check_->setInterval(dict_);
     }
@@ -221,7 +225,7 @@ Foam::functionObjects::m4gnSurrogate::m4gnSurrogate(
     const word& name, const Time& runTime, const dictionary& dict)
     : fvMeshFunctionObject(name, runTime, dict), m4gnActiveSurrogate(name), replaces_(false),
       timeStart_(-VGREAT), timeEnd_(VGREAT), executed_(runTime.startTimeIndex()), steps_(0), due_(false),
-      started_(false), pending_()
+      started_(false), control_(nullptr), pending_()
 {
     read(dict);
 
@@ -252,6 +256,16 @@ Foam::m4gnActiveSurrogate::state Foam::functionObjects::m4gnSurrogate::lastState
 
 bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 {
+    const bool limited = dict.getOrDefault<scalar>("timeStart", -VGREAT) > -VGREAT
+                         || dict.getOrDefault<scalar>("timeEnd", VGREAT) < VGREAT;
+    if (run_ && control_ && limited) {
+        // Foam::functionObjects::timeControl has read them again. It comes back
+        // here.
+        dictionary unlimited(dict);
+        unlimited.set("timeStart", -VGREAT);
+        unlimited.set("timeEnd", VGREAT);
+        return control_->read(unlimited);
+    }
     if (run_) {
         Log << type() << ' ' << name() << ": goes on as it was begun; changes"
             << " to the dictionary take effect in the next run" << endl;

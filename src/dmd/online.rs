@@ -269,6 +269,8 @@ impl OnlineDmd {
         let (numbers, slots): (Vec<i64>, Vec<usize>) = entries.iter().map(|e| (e.number, e.slot)).unzip();
         let mut fields = self.snapshots.fields().iter().enumerate();
         if fields.any(|(f, a)| a.role == Role::Prescribed && self.snapshots.variation(f, &slots) > 0.0) {
+            // Jumps do not wait for what nobody can judge any more
+            settle.missed();
             return (Look::default(), None);
         }
         if settle.scale.is_empty() {

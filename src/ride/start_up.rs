@@ -25,7 +25,7 @@ impl DmdSurrogate {
             }
             _ => Cut::None,
         };
-        if look.kept == Some(true) && self.now.cut.is_none() {
+        if (look.kept == Some(true) || !self.now.settle.is_open()) && self.now.cut.is_none() {
             self.now.before = None;
         }
         self.online.hold(self.now.before.as_ref());

@@ -75,6 +75,28 @@ echo "$surrogate" > system/functions
 solve
 same_bytes ../behind 1.1/U
 
+# becomes BEFORE AFTER: a run whose function objects are edited at 0.3 s
+becomes() {
+    local edit='edit { type timeActivatedFileUpdate; libs (utilityFunctionObjects); fileToUpdate "<system>/functions";
+        timeVsFile ( (0 "<system>/functions.before") (0.3 "<system>/functions.after") ); }'
+    begin
+    echo "$edit $1" > system/functions
+    cp system/functions system/functions.before
+    echo "$edit $2" > system/functions.after
+    touch -d '1 hour ago' system/*
+    solve
+}
+# One that comes into a run begins there; a recorder that is taken out keeps what it has
+becomes 'recorder { type m4gnRecorder; libs (m4gnFoam); writeControl timeStep; writeInterval 10; }' \
+    'late { type m4gnSurrogate; libs (m4gnFoam); mode observe; model cylinder-flow.safetensors; }'
+[ "$(rows postProcessing/late/0/surrogateError.dat | awk '$1 > 0.3' | wc -l)" -ge 10 ] || fail "no errors of a surrogate that came into the run"
+expect_log 'recorder is taken out of the run; its recording ends here'
+[ -s postProcessing/recorder/0/trajectory.h5 ] || fail "the recording that was taken out has gone"
+# One with a timeEnd that is edited goes on as it was begun
+becomes "${surrogate/surrogateSteps/timeEnd 0.9; surrogateSteps}" "${surrogate/surrogateSteps/timeEnd 0.9; writePrecision 8; surrogateSteps}"
+expect_log 'goes on as it was begun'
+[ "$(grep -c 'replacedFraction' log.run)" = 1 ] || fail "no totals with timeEnd of a dictionary that was edited"
+
 # Totals where the surrogate ends before the run
 control runTimeModifiable no
 anew "${surrogate/surrogateSteps/timeEnd 0.9; surrogateSteps}"
