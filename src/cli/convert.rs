@@ -176,7 +176,10 @@ fn out(args: &Args) -> Result<()> {
             Kind::Npz => (export::to_npz, "npz"),
             _ => (export::to_vtu, "pvd"),
         };
-        let to = if single { args.out.clone() } else { args.out.join(stem).with_extension(end) };
+        // Names of stretches have a dot in their time
+        let mut name = stem.to_os_string();
+        name.push(format!(".{end}"));
+        let to = if single { args.out.clone() } else { args.out.join(name) };
         let _claimed = super::claim_outputs([Some(&*to)], [Some(&*args.input)])?;
         write(&Trajectory::open(file)?, &to)?;
         println!("wrote {}", to.display());

@@ -47,10 +47,17 @@ fn survey(folder: &Path, config: &Config, from: Option<&Model>, report: &Report)
         check_kind(&trajectory, &draft)?;
         match trajectory.split() {
             Split::Train => train.push(trajectory),
-            Split::Valid if valid.len() < config.training.validation_rollouts => valid.push(trajectory),
+            Split::Valid => valid.push(trajectory),
             _ => {}
         }
     }
+    // A run that was killed may leave one frame; where there are no others, that is what is said
+    let single = |trajectory: &Trajectory| trajectory.times().len() < 2;
+    let mut left_out: Vec<String> = train.iter().chain(&valid).filter(|t| single(t)).map(described).collect();
+    if !train.iter().all(single) {
+        train.retain(|t| !single(t));
+    }
+    valid.retain(|t| !single(t));
     let Some(first) = train.first() else {
         return Err(Error::file(
             folder,
@@ -97,9 +104,10 @@ fn survey(folder: &Path, config: &Config, from: Option<&Model>, report: &Report)
     for trajectory in train.iter().chain(&valid) {
         check(trajectory, &spec, frames)?;
     }
-    let left_out: Vec<String> = train.iter().chain(&valid).filter(|t| short(t)).map(described).collect();
+    left_out.extend(train.iter().chain(&valid).filter(|t| short(t)).map(described));
     train.retain(|t| !short(t));
     valid.retain(|t| !short(t));
+    valid.truncate(config.training.validation_rollouts);
     if let Some(first) = left_out.first() {
         let many = left_out.len();
         let note = format!(

@@ -46,7 +46,10 @@ fn figure(figures: &Value, row: &str, key: &str) -> Option<f64> {
     }
     let of_case =
         |case: &Value| case[row].is_object().then(|| case[row]["rmse_all"].as_f64().unwrap_or(f64::INFINITY));
-    let mut all: Vec<f64> = figures["cases"].as_array()?.iter().filter_map(of_case).collect();
+    // Those that the other figures are of
+    let counts = |case: &&Value| figures["split"] == "all" || case["split"] == figures["split"];
+    let cases = figures["cases"].as_array()?.iter().filter(counts);
+    let mut all: Vec<f64> = cases.filter_map(of_case).collect();
     all.sort_by(f64::total_cmp);
     let n = all.len();
     match key {
@@ -289,8 +292,9 @@ fn section(
 
 /// What a table is of.
 fn note(plan: &Plan, figures: &Value) -> String {
-    let splits = figures["splits"].as_object().into_iter().flat_map(|s| s.values());
-    let trajectories: u64 = splits.filter_map(|v| v["trajectories"].as_u64()).sum();
+    let counts = |split: &str| figures["split"].as_str().is_none_or(|own| own == "all" || own == split);
+    let splits = figures["splits"].as_object().into_iter().flatten().filter(|(name, _)| counts(name));
+    let trajectories: u64 = splits.filter_map(|(_, v)| v["trajectories"].as_u64()).sum();
     let budget = match (plan.steps, plan.minutes) {
         (Some(steps), _) => format!("{steps} updates"),
         (_, minutes) => format!("{} min of training", number(minutes.unwrap_or(0.0), 3)),
