@@ -49,7 +49,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub(super) json: Option<PathBuf>,
     /// Write the segments and modes of a trajectory to this file
-    #[arg(long, value_name = "FILE.vtu")]
+    #[arg(long, value_name = "FILE.vtu", conflicts_with = "no_write")]
     pub(super) vtu: Option<PathBuf>,
     /// Do not write segments and modes
     #[arg(long)]

@@ -23,6 +23,12 @@ use m4gn_structure::{Record, obstacle_note};
 /// written then, unless it is the writing that fails.
 pub fn run(args: Args) -> Result<()> {
     let mut input = Input::open(&args.path)?;
+    if args.vtu.is_some() && matches!(input, Input::Case(_)) {
+        return Err(Error::Input(
+            "--vtu is for a trajectory: a case gets the fields m4gnSegment and m4gnMode1, ..., which ParaView reads; leave it out"
+                .into(),
+        ));
+    }
     let model = match &args.model {
         Some(path) => Some(Model::read(path)?.spec),
         None => input.model()?,

@@ -117,7 +117,7 @@ impl Source {
 
     /// Whether its times are numbers in `controlDict` itself, and so the same for all parameters.
     pub fn has_fixed_times(&self) -> bool {
-        let text = files::read_text(&self.folder.join("system/controlDict")).unwrap_or_default();
+        let text = files::read_text(self.folder.join("system/controlDict")).unwrap_or_default();
         let text: String =
             text.lines().flat_map(|line| [line.split("//").next().unwrap_or_default(), "\n"]).collect();
         let is_number = |name: &str| {

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 /// The rows of all parts of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Table {
-    /// Names of the columns, without brackets; the first is the time.
+    /// Names of the columns; the first is the time.
     columns: Vec<String>,
     rows: Vec<Vec<f64>>,
 }
@@ -37,8 +37,16 @@ impl Table {
         let words = |line: &str| -> Vec<String> {
             line.replace(['(', ')'], " ").split_whitespace().map(String::from).collect()
         };
+        // Names such as Cd(f) keep their brackets; those around the components of a vector go
+        let name = |word: &str| {
+            let word = word.trim_start_matches('(');
+            if word.contains('(') { word } else { word.trim_end_matches(')') }.to_string()
+        };
+        let names = |line: &str| -> Vec<String> {
+            line.split_whitespace().map(name).filter(|word| !word.is_empty()).collect()
+        };
         let heads = text.lines().filter_map(|line| line.strip_prefix('#'));
-        let columns = heads.map(words).rfind(|w| w.first().is_some_and(|w| w == "Time")).unwrap_or_default();
+        let columns = heads.map(names).rfind(|w| w.first().is_some_and(|w| w == "Time")).unwrap_or_default();
         let rows = text.lines().filter(|line| !line.starts_with('#'));
         let rows =
             rows.filter_map(|line| words(line).iter().map(|w| w.parse().ok()).collect::<Option<Vec<f64>>>());
@@ -212,5 +220,20 @@ mod tests {
             "rows without lift"
         );
         assert_eq!(Table::read(dir.path(), "p", "U").unwrap().column(2).values, [2.0, 5.0]);
+    }
+
+    #[test]
+    fn names_of_columns_keep_their_own_brackets() {
+        // As openfoam.com writes them from v2206 on, and as v1912 does
+        for heads in ["Time\tCd\tCd(f)\tCd(r)\tCl\tCl(f)\tCl(r)", "Time\tCd\tCs\tCl\tCl(f)"] {
+            let places = heads.split('\t').enumerate();
+            let rows: Vec<String> = places.map(|(i, _)| i.to_string()).collect();
+            let table = Table::parse(&format!("# {heads}\n{}\n", rows.join("\t")));
+            let lift = heads.split('\t').position(|name| name == "Cl").unwrap() as f64;
+            assert_eq!(table.coefficients().unwrap().map(|s| s.values), [vec![1.0], vec![lift]]);
+        }
+        let forces =
+            "# Time\t(total_x total_y total_z)\t(pressure_x pressure_y pressure_z)\n1\t(1 2 3)\t(4 5 6)\n";
+        assert_eq!(Table::parse(forces).force([0.0, 1.0, 0.0]).unwrap().values, [2.0]);
     }
 }

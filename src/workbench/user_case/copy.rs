@@ -56,6 +56,8 @@ impl Copy {
             own: Vec::new(),
         };
         copy_all(&copy.original.join("system"), &copy.folder.join("system"))?;
+        // What controlDict includes from elsewhere in the case, before it is read
+        copy.take_named(&real, beside)?;
         let Some(application) = copy.entry("application", tools)? else {
             return Err(Error::file(
                 copy.control(),
