@@ -55,7 +55,7 @@ cargo_cache_save() {
         xargs -0 cp -a --reflink=auto --parents -t "$tmp") || { rm -rf "$tmp"; return 1; }
     mv -T "$tmp" "$path" 2>/dev/null || rm -rf "$tmp"
     for kind in "${cargo_cache_kinds[@]}"; do
-        cargo_cache_kept "$kind" | grep -vxF "$path" | xargs -r rm -rf
+        cargo_cache_kept "$kind" | grep -vxF "$path" | xargs -r -d '\n' rm -rf --
         if [ "$kind" = "$1" ]; then break; fi
     done
 }

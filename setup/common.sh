@@ -2,6 +2,8 @@
 # Paths, pinned versions and small functions shared by the set-up, Allrun and Alltest. Sourced, never run.
 
 M4GN_HOME=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
+# awk, EPOCHREALTIME and apt-cache write by the locale: decimal commas, translated words
+export LC_ALL=C.UTF-8
 : "${HOME:=$(getent passwd "$(id -u)" | cut -d: -f6)}"
 # Downloads live outside the checkout, so that a fresh clone does not fetch them again.
 M4GN_CACHE=${M4GN_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/m4gn}

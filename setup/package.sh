@@ -8,13 +8,16 @@ folder=$(realpath -m "${1:-$M4GN_HOME/target/package}")
 "$M4GN_HOME/setup/debian.sh" package
 foam=$("$M4GN_HOME/setup/openfoam.sh" --export)
 eval "$foam"
-rm -rf "$folder"
-mkdir -p "$folder"
-"$M4GN_HOME/target/release/m4gn" shell-files "$folder/files"
-strip --strip-debug -o "$folder/files/m4gn" "$M4GN_HOME/target/release/m4gn"
-cd "$folder"
-cmake -S "$M4GN_HOME/cmake/package" -B build -DOPENFOAM="$M4GN_FOAM_VERSION" -DFILES="$folder/files" >log
-cd build
-cpack -B "$folder" >>../log || die "the packages could not be made" "What CMake said is in $folder/log"
-rm -rf "$folder"/{_CPack_Packages,build,files}
+# The folder may have more than ours
+work=$M4GN_HOME/target/package-build
+rm -rf "$work"
+mkdir -p "$work" "$folder"
+"$M4GN_HOME/target/release/m4gn" shell-files "$work/files"
+strip --strip-debug -o "$work/files/m4gn" "$M4GN_HOME/target/release/m4gn"
+cmake -S "$M4GN_HOME/cmake/package" -B "$work/build" -DOPENFOAM="$M4GN_FOAM_VERSION" -DFILES="$work/files" >"$work/log"
+(cd "$work/build" && cpack -B "$work") >>"$work/log" ||
+    die "the packages could not be made" "What CMake said is in $work/log"
+rm -f "$folder"/m4gn_*.deb "$folder"/m4gn-openfoam*.deb
+mv "$work"/*.deb "$folder"
+rm -rf "$work"
 ls "$folder"/*.deb

@@ -19,7 +19,10 @@ else
             "Give the folder that a checkout of solids4foam, or its unpacked release, makes."
     from=$(cd "$1" && pwd)
     into=${2:-$M4GN_CACHE/solids4foam}
-    if [ "$(realpath -m "$from")" = "$(realpath -m "$into/source")" ]; then
+    if [ "$(realpath -m "$into")" = "$M4GN_HOME" ]; then
+        die "$into is m4gn's own folder" "Give another one: its source, cmake, setup, build, bin and lib are replaced."
+    fi
+    if [[ $(realpath -m "$from")/ == "$(realpath -m "$into/source")"/* ]]; then
         die "$from is the copy of the source in $into, which is made anew each time" "Give the folder that it was copied from."
     fi
     "$M4GN_HOME/setup/debian.sh" solids4foam
