@@ -166,6 +166,11 @@ fn trajectories_that_are_too_short_are_left_out() {
         assert_eq!(count(&format!("with{frames}")), expected, "{frames} frames");
         std::fs::remove_file(path).unwrap();
     }
+    // A run that was killed at once, in front of the others
+    let single = folder.path().join("data/0-killed.h5");
+    sample::write_trajectory(&single, 7, m4gn_data::Split::Train, 1).unwrap();
+    assert_eq!(count("single"), before);
+    std::fs::remove_file(single).unwrap();
     let r = request(folder.path(), "none", "", 4);
     edit(&r.config, "[6, 2]", "[6, 40]");
     let message = run(&r).unwrap_err().to_string();

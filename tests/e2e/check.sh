@@ -40,6 +40,14 @@ assert network["report"]["handed_over"] and dmd["report"]["numbers"] > 0 and dmd
 EOD
 echo "fits: $(grep suggested ../log.check)"
 
+# What controlDict includes from elsewhere in the case
+cp system/controlDict ../controlDict
+sed -i 's/^application .*/#include "$FOAM_CASE\/solver"/' system/controlDict
+echo 'application icoFoam;' > solver
+check 0 . --seconds 30
+says '^dmd: fits'
+rm solver && mv ../controlDict system
+
 # A network of a configuration, made from the case's own steps
 network 0.01 0 'method = "metis"; count = 4' 'seed = 1; batch_size = 2; steps = 100' '{ name = "U", input = true, output = "delta" }' \
     '{ name = "p", input = true, output = "value" }' > ../network.toml

@@ -17,7 +17,8 @@ for who in network dmd; do
 done
 
 # In the solver's place; a drag is held
-beside=$(drag forces)
+beside=$(drag forces | sed 's/type forceCoeffs;/& timeStart 0.3;/')
+grep -q 'timeStart 0.3' <<< "$beside" || fail "no drag that is published later: $beside"
 held() { echo "mode replace; $both quantities ( { object $1; result $2; tolerance 0.5; } );"; }
 ride "$(held forces Cd)"
 decided "the drag at the end of a jump" "of('quantities')[0]['quantities'][0]['result'] == 'Cd'"

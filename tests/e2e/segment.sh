@@ -79,5 +79,6 @@ if [ "$(id -u)" -eq 0 ]; then
     [ "$(ls 0)" = "$(printf 'U\np')" ] || { ls -la 0; fail "something was left in 0"; }
 fi
 refused 'is neither an OpenFOAM case' m4gn segment constant
+refused '--vtu is for a trajectory' m4gn segment . --vtu ../segments.vtu
 refused 'expected a number from 1' m4gn segment . --segments 0
 refused 'segments for' m4gn segment . --segments 5000

@@ -47,11 +47,7 @@ void m4gn_averages_free(m4gn_averages* averages);
 //  rms of the fluctuations, in place of the mean. The name is UTF-8, and so is
 //  what its values are of: a series of another source is not carried on.
 void m4gn_averages_add(
-    m4gn_averages* averages,
-    const char* name,
-    const char* source,
-    double tolerance,
-    int32_t relative,
+    m4gn_averages* averages, const char* name, const char* source, double tolerance, int32_t relative,
     int32_t of_rms);
 
 //- Adds a row to a series: a value, and the time (s) that it stands for, which

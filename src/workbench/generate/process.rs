@@ -210,6 +210,8 @@ mod tests {
         let late = run(surroundings(&GO, 100), "sleep 60").unwrap_err().to_string();
         assert!(late.contains("--timeout"), "{late}");
         assert!(matches!(run(surroundings(&STOP, 9000), "sleep 60"), Err(Error::Interrupted(_))));
+        // A signal to the whole job ends the tool before it is heard of here
+        assert!(matches!(run(surroundings(&STOP, 9000), "kill -15 $$"), Err(Error::Interrupted(_))));
         let missing = surroundings(&GO, 9).run(dir.path(), &["no-such-program"]).unwrap_err().to_string();
         assert!(missing.contains("cannot be started"), "{missing}");
     }
