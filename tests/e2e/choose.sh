@@ -36,6 +36,7 @@ carry_on 3.25
 same_bytes ../whole 4/{U,p,phi}
 
 # What is not there is named, and each of them needs its own
+beside=$(drag forces)
 control startTime 0 endTime 0.01
 clean_case
 expect_errors <<EOD
