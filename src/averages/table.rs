@@ -41,7 +41,7 @@ impl Column {
 /// [`Error::File`] with line and column.
 pub fn read(path: &Path, name: &str) -> Result<Column> {
     let mut all = Column::default();
-    for part in parts(path)? {
+    for part in files_of(path)? {
         let text = files::read_text(&part).map_err(|e| Error::file(&part, format!("cannot be read: {e}")))?;
         all.carried_on(column(&text, name).map_err(|message| Error::file(&part, message))?);
     }
@@ -49,37 +49,44 @@ pub fn read(path: &Path, name: &str) -> Result<Column> {
 }
 
 /// The file, or those of its name in folders that are named by times.
-fn parts(path: &Path) -> Result<Vec<PathBuf>> {
+fn files_of(path: &Path) -> Result<Vec<PathBuf>> {
     let (Some(name), false) = (path.file_name(), path.exists()) else {
         return Ok(vec![path.to_path_buf()]);
     };
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut found: Vec<(f64, PathBuf)> = Vec::new();
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let time = entry.file_name().to_string_lossy().into_owned();
-        let Some(start) = time.parse::<f64>().ok().filter(|t| t.is_finite()) else { continue };
-        let name = Path::new(name);
-        let mut again = name.with_extension("").into_os_string();
-        again.push(format!("_{time}"));
-        let mut again = PathBuf::from(again);
-        if let Some(extension) = name.extension() {
-            again.as_mut_os_string().push(".");
-            again.as_mut_os_string().push(extension);
-        }
-        for file in [entry.path().join(name), entry.path().join(again)] {
-            if file.exists() {
-                found.push((start, file));
-            }
-        }
-    }
+    let found = parts(folder, &name.to_string_lossy());
     if found.is_empty() {
         return Err(Error::file(
             path,
             "is not there, nor a file of this name in folders beside it that are named by times (0, 0.5, ...)",
         ));
     }
+    Ok(found)
+}
+
+/// The files of a function object's table, in order: `FOLDER/TIME/FILE` of each start, and behind it that of a run that began there again, with
+/// `_TIME` behind its stem (`writeFile::createFile`).
+pub fn parts(folder: &Path, file: &str) -> Vec<PathBuf> {
+    let named = |time: &String| {
+        // Probes have files without an end, and begin them anew
+        let again = file.rsplit_once('.').map(|(stem, end)| format!("{stem}_{time}.{end}"));
+        let place = folder.join(time);
+        std::iter::once(file.to_string()).chain(again).map(move |name| place.join(name))
+    };
+    starts(folder).iter().flat_map(named).filter(|path| path.exists()).collect()
+}
+
+/// Names of the folders of a function object's starts, in the order of their times.
+pub fn starts(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut found: Vec<(f64, String)> = entries
+        .filter_map(|entry| {
+            let name = entry.file_name().into_string().ok()?;
+            Some((name.parse().ok().filter(|t: &f64| t.is_finite())?, name))
+        })
+        .collect();
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
-    Ok(found.into_iter().map(|(_, file)| file).collect())
+    found.into_iter().map(|(_, name)| name).collect()
 }
 
 /// The column `name` of a table's text.
@@ -162,8 +169,8 @@ fn unknown(name: &str, names: &[String]) -> String {
     format!("expected a column {name}, found {}{more}", shown.join(", "))
 }
 
-/// Names of `count` columns behind the time, by a header's words, the first of which names the time.
-fn names(header: &str, count: usize) -> Vec<String> {
+/// Names of the `count` columns behind the time, by a header's words, the first of which names the time.
+pub fn names(header: &str, count: usize) -> Vec<String> {
     let mut given: Vec<String> = Vec::new();
     let mut group = "";
     for word in header.split_whitespace().skip(1) {

@@ -3,10 +3,14 @@
 use super::report::Row;
 use super::series::{Series, Statistics, relative};
 use crate::foam_case::{Description, FunctionObject};
+use m4gn_averages::table::{names, parts, starts};
 use m4gn_base::files;
 use m4gn_report::percent;
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+
+/// Folder of a case that has them.
+const TABLES: &str = "postProcessing";
 
 /// The rows of all parts of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -20,8 +24,8 @@ impl Table {
     /// The table of this file of a function object; none: there is none with rows. Of parts that begin before others end, the later counts.
     pub fn read(case: &Path, object: &str, file: &str) -> Option<Table> {
         let mut whole = Table::default();
-        for (_, folder) in parts(case, object) {
-            let Ok(text) = files::read_text(folder.join(file)) else { continue };
+        for path in parts(&case.join(TABLES).join(object), file) {
+            let Ok(text) = files::read_text(path) else { continue };
             let part = Table::parse(&text);
             let Some(first) = part.rows.first().map(|row| row[0]) else { continue };
             if part.columns != whole.columns {
@@ -37,16 +41,8 @@ impl Table {
         let words = |line: &str| -> Vec<String> {
             line.replace(['(', ')'], " ").split_whitespace().map(String::from).collect()
         };
-        // Names such as Cd(f) keep their brackets; those around the components of a vector go
-        let name = |word: &str| {
-            let word = word.trim_start_matches('(');
-            if word.contains('(') { word } else { word.trim_end_matches(')') }.to_string()
-        };
-        let names = |line: &str| -> Vec<String> {
-            line.split_whitespace().map(name).filter(|word| !word.is_empty()).collect()
-        };
-        let heads = text.lines().filter_map(|line| line.strip_prefix('#'));
-        let columns = heads.map(names).rfind(|w| w.first().is_some_and(|w| w == "Time")).unwrap_or_default();
+        let mut heads = text.lines().filter_map(|line| line.strip_prefix('#'));
+        let head = heads.rfind(|head| head.split_whitespace().next() == Some("Time")).unwrap_or_default();
         let rows = text.lines().filter(|line| !line.starts_with('#'));
         let rows =
             rows.filter_map(|line| words(line).iter().map(|w| w.parse().ok()).collect::<Option<Vec<f64>>>());
@@ -54,7 +50,7 @@ impl Table {
         // The last line of a run that was killed may be cut
         let width = rows.first().map_or(0, Vec::len);
         rows.retain(|row| row.len() == width);
-        let columns = columns.into_iter().take(width).collect();
+        let columns = std::iter::once("Time".into()).chain(names(head, width.saturating_sub(1))).collect();
         rows.dedup_by(|b, a| b[0] <= a[0]);
         Table { columns, rows }
     }
@@ -89,15 +85,6 @@ impl Table {
     }
 }
 
-/// Folders of a function object by the time from which it ran, ascending.
-fn parts(case: &Path, object: &str) -> Vec<(f64, PathBuf)> {
-    let entries = std::fs::read_dir(case.join("postProcessing").join(object)).into_iter().flatten().flatten();
-    let mut parts: Vec<(f64, PathBuf)> =
-        entries.filter_map(|e| Some((e.file_name().to_str()?.parse().ok()?, e.path()))).collect();
-    parts.sort_by(|a, b| a.0.total_cmp(&b.0));
-    parts
-}
-
 /// Function objects of these types that both runs have.
 pub(super) fn common<'a>(
     [a, b]: [&'a Description; 2],
@@ -125,9 +112,10 @@ pub(super) fn probes(cases: [&Description; 2], [from, to]: [f64; 2]) -> Vec<Prob
     let mut found = Vec::new();
     for object in common(cases, &["probes", "patchProbes"]) {
         let paths = cases.map(|c| Path::new(&c.path));
-        let mut fields: Vec<String> = parts(paths[0], &object.name)
+        let folder = paths[0].join(TABLES).join(&object.name);
+        let mut fields: Vec<String> = starts(&folder)
             .iter()
-            .flat_map(|(_, folder)| std::fs::read_dir(folder).into_iter().flatten().flatten())
+            .flat_map(|start| std::fs::read_dir(folder.join(start)).into_iter().flatten().flatten())
             .filter_map(|entry| entry.file_name().into_string().ok())
             .collect();
         fields.sort();
@@ -200,6 +188,14 @@ mod tests {
         assert_eq!((&drag.times[..], &drag.values[..]), (&[1.0, 2.0, 2.5][..], &[2.0, 4.0, 6.0][..]));
         assert_eq!(lift.values, [3.0, 5.0, 7.0]);
         assert_eq!(Table::read(dir.path(), "drag", "other.dat"), None);
+        // Begun again at the same time
+        fs::write(
+            dir.path().join("postProcessing/drag/2/coefficient_2.dat"),
+            format!("{head}2.5\t1\t0\t1\n"),
+        )
+        .unwrap();
+        let [drag, _] = Table::read(dir.path(), "drag", "coefficient.dat").unwrap().coefficients().unwrap();
+        assert_eq!(drag.values, [2.0, 4.0, 1.0]);
     }
 
     #[test]
