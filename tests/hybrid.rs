@@ -269,7 +269,7 @@ fn what_cannot_be_is_refused_before_anything_runs() {
         ("--family none-such", "cylinder-flow, pressed-rubber, vibrating-beam"),
         ("--set u0=-1", "above 0"),
         ("--baseline fast", "loose, coarse"),
-        ("--answers --baseline plain=u0=1", "'plain' is the name of a run of --answers"),
+        ("--answers --baseline plain=u0=1", "'plain' cannot be the name of a variant"),
         (named.as_str(), "'hybrid' cannot be"),
         ("--variant a=/dev/null", "expected a plain file, found a pipe or a device"),
         ("--variant a=/no/file", "/no/file"),

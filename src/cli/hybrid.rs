@@ -164,16 +164,8 @@ fn plan(args: &Args) -> Result<Plan> {
     if let Some(model) = model.as_ref().filter(|m| !m.is_file()) {
         return Err(Error::file(model, "there is no such file: expected a model (*.safetensors)"));
     }
-    let mut variants = variants(&family, &schedule, model.is_some(), &args.variant, &args.baseline)?;
-    if args.answers {
-        if variants.iter().any(|v| v.name == "plain") {
-            return Err(Error::Input(
-                "'plain' is the name of a run of --answers: expected another name of a variant or a baseline"
-                    .into(),
-            ));
-        }
-        variants.insert(0, Variant { name: "plain".into(), kind: Kind::Plain(Settings::default()) });
-    }
+    let kinds = (model.is_some(), args.answers);
+    let variants = variants(&family, &schedule, kinds, &args.variant, &args.baseline)?;
     if !variants.iter().any(|v| matches!(v.kind, Kind::Hybrid { .. })) {
         return Err(Error::Input(format!(
             "family {}: expected --model: it is not of flows, and no other surrogate is run of it",

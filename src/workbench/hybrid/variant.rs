@@ -62,7 +62,7 @@ impl Kind {
 pub fn variants(
     family: &Family,
     schedule: &Hybrid,
-    model: bool,
+    (model, answers): (bool, bool),
     hybrids: &[String],
     plain: &[String],
 ) -> Result<Vec<Variant>> {
@@ -73,6 +73,9 @@ pub fn variants(
     let known = |name: &str| schedule.plain.iter().find(|p| p.name == name);
     let flows = family.recording.fields.iter().any(|f| f == "U");
     let mut all = Vec::new();
+    if answers {
+        all.push(Variant { name: "plain".into(), kind: Kind::Plain(Settings::default()) });
+    }
     for (name, surrogates, entries, plain) in HYBRIDS {
         let has = |kind| surrogates.split(' ').any(|s| s == kind);
         if has(NETWORK) && !model || has("dmd") && !flows {
@@ -149,7 +152,7 @@ mod tests {
         let hybrid = [format!("fp32={}", file.display())];
         let names = |hybrids: &[String], plain: &[&str]| {
             let plain: Vec<String> = plain.iter().map(ToString::to_string).collect();
-            variants(&family, &schedule, true, hybrids, &plain)
+            variants(&family, &schedule, (true, false), hybrids, &plain)
                 .map(|all| all.into_iter().map(|v| v.name).collect::<Vec<_>>())
         };
         assert_eq!(
@@ -158,15 +161,15 @@ mod tests {
         );
         assert_eq!(names(&[], &["none"]).unwrap(), ["hybrid", "dmd", "network-dmd", "dmd-loose"]);
         // Without a model those that need none.
-        let alone = variants(&family, &schedule, false, &[], &["none".into()]).unwrap();
+        let alone = variants(&family, &schedule, (false, false), &[], &["none".into()]).unwrap();
         assert_eq!(alone.iter().map(|v| v.name.as_str()).collect::<Vec<_>>(), ["dmd", "dmd-loose"]);
         let loose = &schedule.plain.iter().find(|p| p.name == "loose").unwrap().set;
         assert!(loose.iter().all(|(name, value)| alone[1].kind.settings()[name] == *value));
         // A variant is then the dmd surrogate's.
-        let dmd = variants(&family, &schedule, false, &hybrid, &["none".into()]).unwrap();
+        let dmd = variants(&family, &schedule, (false, false), &hybrid, &["none".into()]).unwrap();
         assert!(matches!(&dmd[2].kind, Kind::Hybrid { surrogates: "dmd", .. }), "{dmd:?}");
         let coarse = [hybrid[0].clone() + ",cells=0.5"];
-        let all = variants(&family, &schedule, true, &coarse, &["none".into()]).unwrap();
+        let all = variants(&family, &schedule, (true, false), &coarse, &["none".into()]).unwrap();
         assert_eq!(all[4].kind.settings()["cells"].to_string(), "0.5");
         assert!(all[0].kind.settings().is_empty());
         let unknown = [hybrid[0].clone() + ",size=2"];
