@@ -27,9 +27,10 @@ relax() {
 }
 # solids4foam's own linear solver at points is for one rank. Newmark's scheme damps nothing:
 # a recorded state has fast waves, which relaxation takes away.
-while read -r most_ranks name material traction scheme location fields most; do
+while read -r name material traction scheme location fields most; do
     field=${fields%%,*}
-    for ((ranks = 1; ranks <= most_ranks; ++ranks)); do
+    for ranks in 1 2; do
+        if [ $ranks -eq 2 ] && [ "$location" = points ]; then continue; fi
         model "$name" "$material" "$traction" "${scheme//_/ }"
         clean_case
         function_object m4gnRecorder "location $location; fields (${fields//,/ }); writeControl timeStep; writeInterval 1;"
@@ -64,14 +65,14 @@ while read -r most_ranks name material traction scheme location fields most; do
         below "$(awk "BEGIN { d = $elastic - 1; print d < 0 ? -d : d }")" 0.1 "$name, $ranks ranks: elastic energy of a rough state that was relaxed off by"
     done
 done <<'EOD'
-2 linearGeometryTotalDisplacement linearElastic 200 Euler cells D,ddt(D) 0.05
-1 nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000 Euler cells D,ddt(D) 0.05
-1 linearGeometry linearElastic 200 Euler cells D,ddt(D) 0.05
-1 nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 Euler cells D,ddt(D) 0.05
-2 nonLinearGeometryUpdatedLagrangian neoHookeanElastic 2000 Euler cells D,ddt(D) 0.05
-1 vertexCentredLinearGeometry linearElastic 200 Euler points pointD,pointU 0.05
-1 vertexCentredLinearGeometry linearElastic 200 NewmarkBeta_0.25_0.5 points pointD,pointU,pointA 0.15
-1 vertexCentredNonLinTotalLagGeometry neoHookeanElastic 2000 NewmarkBeta_0.25_0.5 points pointD,pointU,pointA 0.15
+linearGeometryTotalDisplacement linearElastic 200 Euler cells D,ddt(D) 0.05
+nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000 Euler cells D,ddt(D) 0.05
+linearGeometry linearElastic 200 Euler cells D,ddt(D) 0.05
+nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 Euler cells D,ddt(D) 0.05
+nonLinearGeometryUpdatedLagrangian neoHookeanElastic 2000 Euler cells D,ddt(D) 0.05
+vertexCentredLinearGeometry linearElastic 200 Euler points pointD,pointU 0.05
+vertexCentredLinearGeometry linearElastic 200 NewmarkBeta_0.25_0.5 points pointD,pointU,pointA 0.15
+vertexCentredNonLinTotalLagGeometry neoHookeanElastic 2000 NewmarkBeta_0.25_0.5 points pointD,pointU,pointA 0.15
 EOD
 ranks=1
 function_object m4gnSurrogate "$relaxed relaxation { time 0; }"
