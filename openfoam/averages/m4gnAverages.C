@@ -50,7 +50,6 @@ void Foam::functionObjects::m4gnAverages::readQuantities(const dictionary& dict)
     }
     quantities_.clear();
     silent_.clear();
-    rows_ = false;
     lastCheck_ = 0;
     averages_.reset(m4gn_averages_new(confidence_));
 
@@ -108,7 +107,8 @@ void Foam::functionObjects::m4gnAverages::start()
         }
         const auto* at = isA<functionObjects::timeControl>(list[others.find(q.functionObject)]);
         q.seldom = at && !(at->executeControl().always() && at->writeControl().always());
-        q.last = last_;
+        // Behind a timeStart the first row stands for its own step alone
+        q.last = max(last_, time_.value() - time_.deltaTValue());
     }
 
     string note;
@@ -285,7 +285,7 @@ Foam::functionObjects::m4gnAverages::m4gnAverages(
     const word& name, const Time& runTime, const dictionary& dict)
     : stateFunctionObject(name, runTime), averages_(nullptr, m4gn_averages_free), confidence_(0.95),
       minTime_(0), stop_(false), checkInterval_(1), begun_(runTime.startTime().value()), last_(begun_),
-      lastCheck_(0), lastState_(-1), started_(false), rows_(false), known_(false)
+      lastCheck_(0), lastState_(-1), started_(false), known_(false)
 {
     read(dict);
 }
@@ -332,13 +332,6 @@ bool Foam::functionObjects::m4gnAverages::execute()
     // Executed again at the run's end
     if (now <= last_) {
         return true;
-    }
-    if (!rows_) {
-        rows_ = true;
-        // Behind a timeStart the first row stands for its own step alone
-        for (quantity& q : quantities_) {
-            q.last = max(last_, now - time_.deltaTValue());
-        }
     }
     const bool surrogate = fromSurrogate();
     forAll(quantities_, i) {

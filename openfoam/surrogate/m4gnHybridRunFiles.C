@@ -49,6 +49,7 @@ void Foam::m4gnHybridRun::listen()
         const std::string rows(m4gn_ride_text(ride_, files[i].first));
         if (rows.size()) {
             if (!tables_.set(i)) {
+                // In the folder of the run's start, whatever Time counts from now
                 scalar& counted = m4gnClockwork::start(const_cast<Time&>(mesh_.time()));
                 const scalar later = counted;
                 counted = start_;

@@ -256,17 +256,17 @@ Foam::m4gnActiveSurrogate::state Foam::functionObjects::m4gnSurrogate::lastState
 
 bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 {
-    const bool limited = dict.getOrDefault<scalar>("timeStart", -VGREAT) > -VGREAT
-                         || dict.getOrDefault<scalar>("timeEnd", VGREAT) < VGREAT;
-    if (run_ && control_ && limited) {
-        // Foam::functionObjects::timeControl has read them again. It comes back
-        // here.
-        dictionary unlimited(dict);
-        unlimited.set("timeStart", -VGREAT);
-        unlimited.set("timeEnd", VGREAT);
-        return control_->read(unlimited);
-    }
     if (run_) {
+        const bool limited = dict.getOrDefault<scalar>("timeStart", -VGREAT) > -VGREAT
+                             || dict.getOrDefault<scalar>("timeEnd", VGREAT) < VGREAT;
+        if (control_ && limited) {
+            // Foam::functionObjects::timeControl has read them again, and keeps
+            // what an entry that is not there had before. It comes back here.
+            dictionary unlimited(dict);
+            unlimited.set("timeStart", -VGREAT);
+            unlimited.set("timeEnd", VGREAT);
+            return control_->read(unlimited);
+        }
         Log << type() << ' ' << name() << ": goes on as it was begun; changes"
             << " to the dictionary take effect in the next run" << endl;
         return true;

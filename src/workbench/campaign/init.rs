@@ -4,7 +4,7 @@ use super::case::{PARAMETERS, Source, parameters};
 use super::quantities::{Entries, quantities};
 use super::sampling::{Method, Parameter, sample};
 use super::survey::{check_uses, commands};
-use super::{settings, table};
+use super::{scratch, settings, table};
 use crate::check::{self, Case, Plan};
 use crate::generate::openfoam::{lies_in, plain_path};
 use crate::generate::process::Surroundings;
@@ -75,8 +75,7 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
         || "expected --parameter NAME=LOW:HIGH or NAME=VALUE,VALUE,..., at least one",
     )?;
     let table = sample(&request.parameters, request.method, request.count, request.seed)?;
-    let scratch = tempfile::tempdir()
-        .map_err(|e| Error::Input(format!("there is no place for temporary files: {e}")))?;
+    let scratch = scratch()?;
     let source = Source::read(&case, scratch.path(), &parameters(&table, &table.rows[0]), tools)?;
     let alone = check_uses(&source, &request.parameters)?;
     let mut notes = Vec::new();

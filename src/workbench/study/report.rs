@@ -39,6 +39,11 @@ impl Cell {
 /// RMSE-all of the trajectories: in the middle, and the largest.
 const TRAJECTORIES: [(&str, &str); 2] = [("median", "median"), ("worst", "worst")];
 
+/// Whether the figures are of trajectories of this split.
+fn counts(figures: &Value, split: &str) -> bool {
+    figures["split"].as_str().is_none_or(|own| own == "all" || own == split)
+}
+
 /// A figure of a row, over all trajectories or of these.
 fn figure(figures: &Value, row: &str, key: &str) -> Option<f64> {
     if !TRAJECTORIES.iter().any(|t| t.0 == key) {
@@ -46,9 +51,8 @@ fn figure(figures: &Value, row: &str, key: &str) -> Option<f64> {
     }
     let of_case =
         |case: &Value| case[row].is_object().then(|| case[row]["rmse_all"].as_f64().unwrap_or(f64::INFINITY));
-    // Those that the other figures are of
-    let counts = |case: &&Value| figures["split"] == "all" || case["split"] == figures["split"];
-    let cases = figures["cases"].as_array()?.iter().filter(counts);
+    let cases = figures["cases"].as_array()?.iter();
+    let cases = cases.filter(|case| counts(figures, case["split"].as_str().unwrap_or_default()));
     let mut all: Vec<f64> = cases.filter_map(of_case).collect();
     all.sort_by(f64::total_cmp);
     let n = all.len();
@@ -292,8 +296,8 @@ fn section(
 
 /// What a table is of.
 fn note(plan: &Plan, figures: &Value) -> String {
-    let counts = |split: &str| figures["split"].as_str().is_none_or(|own| own == "all" || own == split);
-    let splits = figures["splits"].as_object().into_iter().flatten().filter(|(name, _)| counts(name));
+    let splits =
+        figures["splits"].as_object().into_iter().flatten().filter(|(name, _)| counts(figures, name));
     let trajectories: u64 = splits.filter_map(|(_, v)| v["trajectories"].as_u64()).sum();
     let budget = match (plan.steps, plan.minutes) {
         (Some(steps), _) => format!("{steps} updates"),
