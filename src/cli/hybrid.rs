@@ -93,9 +93,10 @@ pub fn run(args: Args) -> Result<()> {
     })?;
 
     println!(
-        "whole %, whole wall %: processor and wall time of the whole run, with start-up, learning and loading, over the full run's; stretch %: \
-         processor time after the takeover. Errors of the velocity, or of a solid's displacement, over holding the last field; the \
-         displacement's over its root mean square (D), and that of the cell that moves most (cell); forces and frequency against the full run\n"
+        "whole %, whole wall %: processor and wall time of the whole run, with start-up and loading, over the full run's; stretch %: \
+         processor time after the takeover. first stride, first jump, end: error of the velocity, or of a solid's displacement, over cells and \
+         stored times from the takeover up to there, over that of holding the field of the takeover; D, cell: error of the displacement over \
+         its root mean square, and that of the cell that moves most; forces and frequency against the full run\n"
     );
     println!("{}", case_table(&results, &names, &order));
     remarks(&results).iter().for_each(|line| println!("{line}"));
@@ -118,7 +119,7 @@ pub fn run(args: Args) -> Result<()> {
     }
 }
 
-/// What came of a run, in a line: the times of the whole run, and the error at its end over that of holding.
+/// What came of a run, in a line: times and error of the whole run, the error over that of holding.
 fn figures_text(record: &RunRecord) -> String {
     let cost = &record.cost;
     let mut text =
@@ -130,7 +131,7 @@ fn figures_text(record: &RunRecord) -> String {
         }
         Some(score) => {
             let end = score.end.map_or("-".into(), |e| number(e, 3));
-            text += &format!(", error at the end {end} of holding");
+            text += &format!(", error over the run {end} of holding");
         }
         None => {}
     }
