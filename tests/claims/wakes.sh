@@ -6,6 +6,11 @@ claim dmd end 0.011 0.4
 claim dmd-loose end 0.08 0.4
 claim hybrid end 0.3 0.8
 
+# No entry set: the interval is the run's own. A variant is dmd's where there is no model.
+echo '#remove dmd' >FILE
+hybrid --seed 4321 --variant auto=FILE --end 6
+claim auto end 0.03 0.2
+
 # The answer: the plain solver that ends when it knows
 runs m4gn hybrid --answers --count 1 --seed 21 --set u0=1.5 --set radius=0.05 --end 8 --baseline none --out answers --json hybrid.json
 below "$(figure plain ended)" 6 "the plain solver's end, s"
