@@ -57,6 +57,13 @@ fn networks_are_trained_once_and_compared_with_their_baselines() {
     assert!(over.len() == 3 && over.iter().all(|c| c["diameter"].as_u64() > Some(1)), "{over:?}");
     assert!(test["baselines"]["persistence"]["rmse_all"].as_f64().unwrap() > 0.0, "{test}");
     assert!(read("study.md").contains("| GCN |"));
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/figures.md");
+    let page = std::fs::read_to_string(page).unwrap();
+    for object in [&report, test, &test["networks"][0], &over[0], &report["cells"][0]] {
+        for key in object.as_object().unwrap().keys() {
+            assert!(page.contains(&format!("`{key}`")), "docs/reference/figures.md lacks {key}");
+        }
+    }
 
     // Nothing is made anew but what is another.
     let made = |name: &str| std::fs::metadata(at("out/flow").join(name)).unwrap().modified().unwrap();
