@@ -115,12 +115,23 @@ fn in_backticks(text: &str) -> String {
     while let Some((before, after)) = rest.split_once("\\c ") {
         let end = match after.starts_with('(') {
             true => after.find(')').map_or(after.len(), |i| i + 1),
-            false => after.find([' ', ',', ';', ':']).unwrap_or(after.len()),
+            false => {
+                let word = &after[..after.find([' ', ',', ';', ':']).unwrap_or(after.len())];
+                // A bracket that the word has not opened closes one of the text.
+                word.strip_suffix(')').filter(|inner| !inner.contains('(')).unwrap_or(word).len()
+            }
         };
         out += &format!("{before}`{}`", &after[..end]);
         rest = &after[end..];
     }
     out + rest
+}
+
+/// A text without its references to classes, which a page's reader does not see.
+fn without_classes(text: &str) -> String {
+    let mut pieces = text.split(", see Foam::");
+    let first = pieces.next().unwrap_or_default().to_string();
+    pieces.fold(first, |all, piece| all + piece.trim_start_matches(|c: char| c.is_ascii_alphanumeric()))
 }
 
 /// The rows of a class's own table, which begins with `Property`.
@@ -199,7 +210,7 @@ fn written(rows: &[Row], form: Form) -> String {
                     "yes" => "required".into(),
                     when => format!("required {when}"),
                 };
-                out += &format!("| `{}` | {} | {default} |\n", row.name, row.text);
+                out += &format!("| `{}` | {} | {default} |\n", row.name, without_classes(&row.text));
             }
         }
         Form::Foam => {
