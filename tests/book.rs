@@ -108,6 +108,25 @@ fn pages_that_messages_and_comments_name_are_there() {
 }
 
 #[test]
+fn files_of_the_tree_that_pages_name_are_there() {
+    let mut gone = Vec::new();
+    for page in pages().into_iter().filter(|page| !page.starts_with(root().join("docs/lab"))) {
+        let text = read(&page);
+        for word in text.split('`').skip(1).step_by(2).flat_map(str::split_whitespace) {
+            let is_ours =
+                FOLDERS.iter().any(|f| word.strip_prefix(*f).is_some_and(|rest| rest.starts_with('/')));
+            let is_plain = word.chars().all(|c| c.is_ascii_alphanumeric() || "/-_.".contains(c));
+            // A class of openfoam/ is named without its endings.
+            let is_there = |end: &&str| root().join(format!("{word}{end}")).exists();
+            if is_ours && is_plain && !["", ".H"].iter().any(is_there) {
+                gone.push(format!("{}: {word}", page.display()));
+            }
+        }
+    }
+    assert!(gone.is_empty(), "files that are named and are not there: {gone:#?}");
+}
+
+#[test]
 fn the_readme_is_read_in_two_minutes() {
     let text = read(&root().join("README.md"));
     assert!(text.lines().count() <= 120, "README.md has {} lines", text.lines().count());
