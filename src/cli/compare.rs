@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// Reads the cases with OpenFOAM's own libraries: ASCII, binary, compressed; a decomposed run needs no reconstructPar.
 /// Of a case with a displacement D and no pressure p, the displacement, the motion of one cell, its frequency and the reaction
 /// force on a patch are compared. Errors of the fields count from the time at which the surrogate of CASE_B took over, over all common stored times.
-/// First come the times of the whole runs, with start-up, learning and loading, over the simulated time that the logs of both
+/// First come the times of the whole runs, with start-up and loading, over the simulated time that the logs of both
 /// have, then those after the takeover; a log without 'End' counts for nothing.
 #[derive(clap::Args, Debug)]
 pub struct Args {

@@ -1,4 +1,4 @@
-//! What two runs took: whole, with start-up, learning and loading, over the simulated time that both have, and then after the takeover.
+//! What two runs took: whole, with start-up and loading, over the simulated time that both have, and then after the takeover.
 
 use super::Options;
 use super::log::{Clock, Log};
@@ -111,7 +111,7 @@ impl Cost {
     pub fn note(&self) -> Option<String> {
         let span = self.span.map(|[from, to]| {
             format!(
-                "times of the logs from {} to {} s of both runs, with start-up, learning and loading",
+                "times of the logs from {} to {} s of both runs, with start-up and loading",
                 seconds(from),
                 seconds(to)
             )

@@ -23,7 +23,7 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
     page.paragraph(&format!(
         "{} draws of seed {}: the solver alone up to {} s, then by turns {} s of the solver and {} strides of the surrogate, up to {} s. \
          Errors, of the velocity or of a solid's displacement, are root mean squares over cells, components and stored times, over those of holding the full run's last \
-         field before the first jump. Times of the whole run count start-up, learning and loading; the stretch is what comes after the takeover; both are over the full run's. Forces are relative \
+         field before the first jump. Times of the whole run count start-up and loading; the stretch is what comes after the takeover; both are over the full run's. Forces are relative \
          to the full run's.",
         plan.count, plan.seed, s.start_up, s.solver_time, s.surrogate_steps, s.end
     ));

@@ -50,7 +50,7 @@ fn percent(value: Option<f64>) -> Option<f64> {
     value.map(|v| 100.0 * v)
 }
 
-/// Time of the whole run, with start-up, learning and loading, over the full run's by the same clock.
+/// Time of the whole run, with start-up and loading, over the full run's by the same clock.
 pub(super) fn whole_time(draw: &DrawResult, run: &RunRecord, clock: fn(&Cost) -> f64) -> Option<f64> {
     let full = clock(&draw.full.as_ref()?.cost);
     (full > 0.0).then(|| clock(&run.cost) / full)
