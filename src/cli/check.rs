@@ -60,12 +60,15 @@ pub fn run(args: Args) -> Result<()> {
     tell(&checked);
     let value = serde_json::to_value(&checked).map_err(|e| Error::Internal(e.to_string()))?;
     write_json(args.json.as_deref(), &value)?;
-    let refused: Vec<&str> =
-        checked.findings.iter().filter(|f| f.why.is_some()).map(|f| f.surrogate.as_str()).collect();
-    match refused.is_empty() {
-        true => Ok(()),
-        false => Err(Error::Input(format!("{}: does not fit ({})", checked.case, refused.join(", ")))),
+    let unfit = checked.findings.iter().filter(|f| f.why.is_some());
+    let (open, refused): (Vec<&Finding>, Vec<&Finding>) = unfit.partition(|f| f.open);
+    for (some, what) in [(refused, "does not fit"), (open, "it cannot be told yet whether it fits")] {
+        if !some.is_empty() {
+            let names: Vec<&str> = some.iter().map(|f| f.surrogate.as_str()).collect();
+            return Err(Error::Input(format!("{}: {what} ({})", checked.case, names.join(", "))));
+        }
     }
+    Ok(())
 }
 
 fn tell(checked: &Checked) {
@@ -79,10 +82,7 @@ fn tell(checked: &Checked) {
         line("run", &format!("{} cells{ranks}, {start} to {end} s, time step {step} s", first.cells));
     }
     for finding in &checked.findings {
-        match &finding.why {
-            None => println!("{}: fits", finding.surrogate),
-            Some(why) => println!("{}: does not fit: {why}", finding.surrogate),
-        }
+        println!("{}: {}", finding.surrogate, finding.verdict());
         of(finding, &line);
     }
     if !first.patches.is_empty() {

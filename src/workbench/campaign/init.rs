@@ -172,10 +172,10 @@ fn checked(
     };
     let step = first.report.a_step().map_or(String::new(), |s| format!("{} s a time step; ", number(s, 2)));
     let suggested = first.report.suggestion().filter(|_| first.why.is_none()).map(|s| s.entries());
-    let fits = match (&first.why, &suggested) {
-        (Some(why), _) => format!("does not fit: {}", words(why.clone())),
-        (None, None) => "fits, but the run has too few time steps for a jump".into(),
-        (None, Some(entries)) => format!("fits, with {entries}"),
+    let fits = match &suggested {
+        _ if first.why.is_some() => words(first.verdict()),
+        None => "fits, but the run has too few time steps for a jump".into(),
+        Some(entries) => format!("fits, with {entries}"),
     };
     Ok((format!("check: {step}surrogate = \"dmd\" {fits}"), suggested))
 }

@@ -109,6 +109,17 @@ pub struct Finding {
     pub stride: Option<f64>,
 }
 
+impl Finding {
+    /// Whether it fits, in words.
+    pub fn verdict(&self) -> String {
+        match &self.why {
+            None => "fits".into(),
+            Some(what) if self.open => format!("cannot be told yet: {what}"),
+            Some(why) => format!("does not fit: {why}"),
+        }
+    }
+}
+
 /// What came of a case.
 #[derive(Clone, Debug, Serialize)]
 pub struct Checked {
@@ -342,6 +353,17 @@ fn random(
 mod tests {
     use super::*;
     use serde_json::json;
+
+    #[test]
+    fn a_run_that_only_needs_more_time_is_not_said_not_to_fit() {
+        let of = |why: Option<&str>, open| {
+            let (surrogate, why, notes) = ("dmd".into(), why.map(String::from), Vec::new());
+            Finding { surrogate, why, open, notes, report: Report::default(), stride: None }.verdict()
+        };
+        assert_eq!(of(None, false), "fits");
+        assert_eq!(of(Some("give --seconds 45"), true), "cannot be told yet: give --seconds 45");
+        assert_eq!(of(Some("no U"), false), "does not fit: no U");
+    }
 
     #[test]
     fn each_state_of_a_window_has_its_share_of_a_stride() {
