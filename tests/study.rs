@@ -4,6 +4,7 @@ use m4gn_samples::training as sample;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
+/// A test may be named as the training's figures are: `train.json`.
 const STUDY: &str = r#"
 title = "Two networks"
 steps = 4
@@ -12,7 +13,7 @@ seeds = [1, 2]
 name = "flow"
 train = "data"
 config = "config.toml"
-test = [{ name = "all of it", data = "data" }]
+test = [{ name = "train", data = "data" }]
 [[network]]
 name = "M4GN"
 segments = [2]
@@ -39,9 +40,9 @@ fn networks_are_trained_once_and_compared_with_their_baselines() {
     assert!(first.status.success(), "{said}{}", String::from_utf8_lossy(&first.stderr));
     for expected in [
         "1/4 flow/M4GN/1: 4 updates in ",
-        "all of it with 2 segments: RMSE-1 ",
+        "train with 2 segments: RMSE-1 ",
         "4/4 flow/GCN/2: ",
-        "flow, all of it",
+        "flow, train",
         "3 trajectories, U; mean ± standard deviation over seeds, 4 updates each. RMSE-all of M4GN is ",
         "M4GN, 2 segments",
         "dmd",
@@ -67,7 +68,7 @@ fn networks_are_trained_once_and_compared_with_their_baselines() {
 
     // Nothing is made anew but what is another.
     let made = |name: &str| std::fs::metadata(at("out/flow").join(name)).unwrap().modified().unwrap();
-    let files = ["M4GN/1/model.safetensors", "M4GN/1/all of it.json", "GCN/1/model.safetensors"];
+    let files = ["M4GN/1/model.safetensors", "M4GN/1/test-train.json", "GCN/1/model.safetensors"];
     let before = files.map(made);
     let wider = STUDY.replace("layers = 2 }", "layers = 2, width = 24 }");
     std::fs::write(at("study.toml"), &wider).unwrap();

@@ -205,10 +205,10 @@ impl<'a> Job<'a> {
 }
 
 impl Validation {
-    /// The file of its figures.
+    /// The file of its figures, which is none of the training's whatever the test is named.
     fn file(&self) -> String {
         let more = self.count.map_or(String::new(), |n| format!("-{n}-segments"));
-        format!("{}{more}.json", self.test.name)
+        format!("test-{}{more}.json", self.test.name)
     }
 }
 
