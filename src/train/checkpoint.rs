@@ -8,8 +8,8 @@ use m4gn_model::tensor_file::{Arrays, TensorFile};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Version of a checkpoint's schema. Since 2 each channel of a normaliser has a count of its own.
-pub const VERSION: u32 = 2;
+/// Version of a checkpoint's schema.
+pub const VERSION: u32 = 3;
 
 /// What a checkpoint says about itself and the run; the `m4gn_checkpoint` entry of the header.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,7 +28,7 @@ pub struct Progress {
     pub seed: u64,
     /// The configuration, as JSON.
     pub config: serde_json::Value,
-    /// Names and lengths of the trajectories.
+    /// Names, lengths and ranges of the trajectories.
     pub data: Vec<String>,
     /// Step and validation of the best weights.
     pub best: Option<(u64, Validation)>,

@@ -129,6 +129,11 @@ fn described(trajectory: &Trajectory) -> String {
     format!("{name} {}", trajectory.times().len())
 }
 
+/// A number that other values would hardly have.
+fn digest(frame: &[f32]) -> u64 {
+    frame.iter().fold(0, |sum: u64, v| (sum ^ u64::from(v.to_bits())).wrapping_mul(0x0100_0000_01b3))
+}
+
 /// Reads all trajectories, their frames into memory as far as `room` bytes hold them.
 pub(super) fn load(
     folder: &Path,
@@ -139,7 +144,7 @@ pub(super) fn load(
     stop: &AtomicU8,
 ) -> Result<(Workload, ModelSpec)> {
     let Survey { mut spec, frames_a_step, train, valid } = survey(folder, config, from, report)?;
-    let names: Vec<String> = train.iter().chain(&valid).map(described).collect();
+    let mut names = Vec::new();
     let total = train.len() + valid.len();
     report.begin_loading(total as u64);
     let mut left = room;
@@ -155,6 +160,9 @@ pub(super) fn load(
                 if !sample.is_streamed() {
                     left -= sample.frame_bytes();
                 }
+                let ends = [0, sample.n_frames - 1].map(|i| sample.frame(i).map(|frame| digest(&frame)));
+                let [first, last] = ends;
+                names.push(format!("{} {:?} {:x} {:x}", described(trajectory), sample.extent, first?, last?));
                 report.loaded();
                 Ok(Arc::new(sample))
             })

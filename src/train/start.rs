@@ -12,7 +12,7 @@ use m4gn_base::lock::Lock;
 use m4gn_base::{Error, Result};
 use m4gn_learn::Workload;
 use m4gn_learn::inputs;
-use m4gn_model::{Model, ModelSpec, SegmentSpec};
+use m4gn_model::{Model, ModelSpec};
 use m4gn_parallel::Comm;
 use std::path::Path;
 use std::sync::atomic::AtomicU8;
@@ -79,23 +79,17 @@ impl Trainer<'_> {
                 format!("made with another {what}: resume with what it was made with, or give another --out"),
             )
         };
-        let table = |c: &serde_json::Value, name: &str| c.get(name).cloned().unwrap_or_default();
-        let segments = |c: &serde_json::Value| {
-            let entries = table(c, "segments").as_object().cloned().unwrap_or_default();
-            SegmentSpec::of_training(entries).ok()
-        };
-        for name in ["model", "macro", "segments"] {
-            let (old, new) = (&earlier.progress.config, &self.progress.config);
-            let same = match name {
-                "segments" => segments(old) == segments(new),
-                _ => table(old, name) == table(new, name),
-            };
-            if !same {
+        let (old, new) = (&earlier.progress.config, &self.progress.config);
+        for name in ["model", "macro", "contact", "segments"] {
+            if old[name] != new[name] {
                 return Err(misfit(&format!("[{name}] table in the configuration")));
             }
         }
+        let (old, new) = (&old["training"], &new["training"]);
         if earlier.progress.data != self.progress.data {
-            return Err(misfit("data set"));
+            let rollouts = "validation_rollouts";
+            let same = old[rollouts] == new[rollouts];
+            return Err(misfit(if same { "data set" } else { "training.validation_rollouts" }));
         }
         if earlier.weights.len() != self.layout.len() {
             return Err(misfit("network"));
@@ -104,8 +98,7 @@ impl Trainer<'_> {
         if earlier.progress.from.is_some() != self.frozen {
             return Err(misfit("start (--from)"));
         }
-        let changed =
-            changes(&table(&earlier.progress.config, "training"), &table(&self.progress.config, "training"));
+        let changed = changes(old, new);
         // More steps or minutes are what a training is usually carried on for.
         let told = |change: &&String| !change.starts_with("steps ") && !change.starts_with("max_minutes ");
         let notable: Vec<&str> = changed.iter().filter(told).map(String::as_str).collect();

@@ -274,6 +274,28 @@ fn damaged_checkpoints_are_refused() {
     run(&r).unwrap();
 }
 
+/// Files of the same names and lengths with other flows in them, and one trajectory to validate on more.
+#[test]
+fn a_training_is_carried_on_with_its_own_data_alone() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join("data").join(name);
+    sample::write_trajectory(&at("003.h5"), 3, m4gn_data::Split::Valid, 30).unwrap();
+    let mut r = request(folder.path(), "a", "validation_rollouts = 1", 2);
+    run(&r).unwrap();
+    (r.resume, r.steps) = (true, Some(4));
+    edit(&r.config, "validation_rollouts = 1", "validation_rollouts = 2");
+    let message = run(&r).unwrap_err().to_string();
+    assert!(message.contains("made with another training.validation_rollouts"), "{message}");
+    edit(&r.config, "validation_rollouts = 2", "validation_rollouts = 1");
+    let own = std::fs::read(at("000.h5")).unwrap();
+    std::fs::remove_file(at("000.h5")).unwrap();
+    sample::write_trajectory(&at("000.h5"), 5, m4gn_data::Split::Train, 30).unwrap();
+    let message = run(&r).unwrap_err().to_string();
+    assert!(message.contains("a.checkpoint: made with another data set"), "{message}");
+    std::fs::write(at("000.h5"), own).unwrap();
+    run(&r).unwrap();
+}
+
 #[test]
 fn what_does_not_fit_is_refused_before_anything_is_written() {
     let folder = folder();
