@@ -263,11 +263,26 @@ fn a_model_says_what_it_was_trained_on_and_an_older_one_can_be_told() {
 
     model.spec.trained_on = None;
     model.write(folder.path().join("old.safetensors")).unwrap();
-    trained(folder.path(), "new.safetensors", &["--from", "old.safetensors", "--steps", "0"]);
+    // Such a model stays what it is, whatever a configuration says of nodes and segments, and nothing else is said.
+    let config = sample::config("").replacen("[model]", "[model]\n        resolution = 0.5", 1);
+    std::fs::write(folder.path().join("config.toml"), config).unwrap();
+    let options = ["--from", "old.safetensors", "--steps", "0", "--json", "new.json"];
+    let said = trained(folder.path(), "new.safetensors", &options);
+    assert!(!said.contains("note: resolution") && !said.contains("note: segments"), "{said}");
     let new = Model::read(folder.path().join("new.safetensors")).unwrap();
+    assert_eq!((new.spec.resolution, &new.spec.segments), (None, &model.spec.segments));
     assert_eq!(new.spec.trained_on, Some(ranges));
+    let figures = std::fs::read(folder.path().join("new.json")).unwrap();
+    let figures: serde_json::Value = serde_json::from_slice(&figures).unwrap();
+    assert_eq!(figures["trained_on"]["inputs"][1]["field"], "p");
     assert_eq!((&new.tensors, &new.spec.training), (&model.tensors, &model.spec.training));
     assert!(!folder.path().join("new.checkpoint").exists());
+    let said = message(&train(
+        folder.path(),
+        "a.safetensors",
+        &["--resume", "--from", "old.safetensors", "--steps", "0"],
+    ));
+    assert!(said.contains("a.checkpoint holds an earlier training"), "{said}");
     let said = message(&train(folder.path(), "b.safetensors", &["--steps", "0"]));
     assert!(said.contains("--from MODEL"), "{said}");
 }

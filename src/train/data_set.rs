@@ -76,6 +76,11 @@ fn survey(folder: &Path, config: &Config, from: Option<&Model>, report: &Report)
     spec.node_types = NodeType::ALL.into_iter().filter(|t| types.contains(t)).collect();
     if let Some(model) = from {
         carry_on(&mut spec, model)?;
+        if config.training.steps == 0 {
+            // The model stays as it is, and its ranges are those of its own nodes.
+            spec.resolution = model.spec.resolution;
+            spec.segments = model.spec.segments.clone();
+        }
         // No weight depends on how the mesh is agglomerated and cut.
         let resolution = |spec: &ModelSpec| spec.resolution.map_or("off".into(), |m| format!("{m} m"));
         let segments = |spec: &ModelSpec| serde_json::json!(spec.segments).to_string();
@@ -177,7 +182,8 @@ pub(super) fn load(
         let obstacle = obstacle_note(first.mesh(), &spec.segments.obstacles, &Comm::serial())?;
         report.line(&format!("the obstacle of {}: {obstacle}", described(&first)));
     }
-    if valid.is_empty() {
+    let learns = config.training.steps > 0;
+    if learns && valid.is_empty() {
         report.line("note: no trajectory of split `valid`: the best weights are chosen by errors on training trajectories");
         let count = config.training.validation_rollouts.max(1);
         valid = train.iter().take(count).cloned().collect();
@@ -185,7 +191,9 @@ pub(super) fn load(
     let extents: Vec<Extent> = train.iter().filter_map(|sample| sample.extent.clone()).collect();
     spec.trained_on = TrainedOn::over(&extents, spec.stride);
     let work = Workload { train, valid, frames_a_step, names };
-    data_checks::notes(&work, &spec, &config.training)?.iter().for_each(|note| report.line(note));
+    if learns {
+        data_checks::notes(&work, &spec, &config.training)?.iter().for_each(|note| report.line(note));
+    }
     let (all, kept, streamed) = work.sizes();
     report.line(&match streamed {
         0 => format!("frames: {} in memory", memory::size(all)),

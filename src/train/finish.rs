@@ -84,10 +84,7 @@ impl Trainer<'_> {
             "weights": self.layout.len(),
             "out": self.request.out,
         });
-        if let Some(path) = self.request.json.as_ref().filter(|_| self.comm.is_root()) {
-            let text = serde_json::to_string_pretty(&figures).map_err(|e| Error::Internal(e.to_string()))?;
-            m4gn_base::files::write_whole(path, format!("{text}\n").as_bytes())?;
-        }
+        self.request.write_json(self.comm, &figures)?;
         Ok(figures)
     }
 }

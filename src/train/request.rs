@@ -2,7 +2,8 @@
 
 use super::config::Config;
 use m4gn_base::lock::{self, Lock};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, files};
+use m4gn_parallel::Comm;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -67,6 +68,14 @@ impl Request {
         let checkpoint = self.checkpoint();
         let outputs = [&self.out, &checkpoint].into_iter().chain(&self.json).map(PathBuf::as_path);
         lock::outputs(outputs, [&self.data, &self.config].map(PathBuf::as_path))
+    }
+
+    /// Writes the figures of the end, where that was asked for. Collective: the first rank writes.
+    pub(super) fn write_json(&self, comm: &Comm, figures: &serde_json::Value) -> Result<()> {
+        comm.agree(match self.json.as_ref().filter(|_| comm.is_root()) {
+            Some(path) => files::write_whole(path, format!("{figures:#}\n").as_bytes()),
+            None => Ok(()),
+        })
     }
 
     /// Worker threads: as asked, else one a core up to the pieces of work.

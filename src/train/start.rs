@@ -33,7 +33,7 @@ pub(super) fn load(request: &Request, stop: &AtomicU8, comm: &Comm, report: &Rep
     let config = request.config()?;
     let claimed = if comm.is_root() { request.claim_outputs()? } else { Vec::new() };
     let path = request.checkpoint();
-    if path.exists() && !request.resume {
+    if path.exists() && (!request.resume || config.training.steps == 0) {
         return Err(Error::Input(format!(
             "{} holds an earlier training of this model: carry it on with --resume, or delete it, or give another --out",
             path.display()

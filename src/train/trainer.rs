@@ -156,7 +156,9 @@ fn describe(
     };
     comm.agree(written)?;
     report.line(&format!("not trained: the ranges of the data are in {}", request.out.display()));
-    Ok(serde_json::json!({ "trained_on": model.spec.trained_on, "steps": 0, "out": request.out }))
+    let figures = serde_json::json!({ "trained_on": model.spec.trained_on, "steps": 0, "out": request.out });
+    request.write_json(comm, &figures)?;
+    Ok(figures)
 }
 
 impl Trainer<'_> {
