@@ -80,7 +80,19 @@ pub fn run(args: Args) -> Result<()> {
     };
     let options =
         SessionOptions { n_threads: args.threads, resolution: args.resolution, ..SessionOptions::default() };
-    let found = trajectories(&args.data, &args.split, &model.spec)?;
+    let mut note = |text: String| eprintln!("{text}");
+    let found = trajectories(&args.data, &args.split, &model.spec, &mut note)?;
+    let (mut found, short): (Vec<_>, Vec<_>) = found.into_iter().partition(|(_, pace)| pace.steps > strides);
+    match (found.is_empty(), short.first()) {
+        // Then that is what is said of the first.
+        (true, _) => found = short,
+        (false, Some((first, _))) => eprintln!(
+            "note: trajectories left out: {} of {strides} strides or fewer, the first of them {}",
+            short.len(),
+            first.path().display()
+        ),
+        (false, None) => {}
+    }
     let progress = Progress::new(args.starts * found.len())?;
     let mut all: Vec<Vec<Rollout>> = Vec::new();
     for (i, (trajectory, _)) in found.iter().enumerate() {

@@ -3,10 +3,9 @@
 use super::running::Running;
 use super::validate::Progress;
 use m4gn_base::{Error, Result, lock};
-use m4gn_data::{Trajectory, list};
 use m4gn_model::Model;
 use m4gn_workbench::predict;
-use m4gn_workbench::validate::{fits, name_file};
+use m4gn_workbench::validate::{name_file, trajectories};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -47,20 +46,20 @@ pub fn run(args: Args) -> Result<()> {
     )?;
     let options = args.running.options()?;
     let model = Model::read(&args.model)?;
-    let files = list(&args.data)?;
+    let mut note = |text: String| eprintln!("{text}");
+    let found = trajectories(&args.data, "all", &model.spec, &mut note)?;
     let folder = args.data.is_dir();
     let _folder = folder.then(|| lock::folder(&args.out)).transpose()?;
     let (mut figures, mut diverged) = (Vec::new(), Vec::new());
-    for file in &files {
-        let trajectory = Trajectory::open(file)?;
+    for (trajectory, pace) in &found {
+        let file = trajectory.path();
         let out = match folder {
             true => args.out.join(file.file_name().unwrap_or_default()),
             false => args.out.clone(),
         };
         let steps = args.steps.map(|n| n as usize);
-        let expected = name_file(fits(&model.spec, &trajectory), file)?.steps;
-        let progress = Progress::new(steps.unwrap_or(expected))?;
-        let done = predict::run(&model, &trajectory, &options, (steps, &out), &mut || progress.advance());
+        let progress = Progress::new(steps.unwrap_or(pace.steps))?;
+        let done = predict::run(&model, trajectory, &options, (steps, &out), &mut || progress.advance());
         progress.note(file, done.as_ref().map_or(&[], |d| &d.outside));
         let done = name_file(done, file)?;
         progress.finish();
@@ -84,7 +83,7 @@ pub fn run(args: Args) -> Result<()> {
         Some(first) => Err(Error::Numerical(format!(
             "{} of {} rollouts became non-finite; the first: {first}",
             diverged.len(),
-            files.len()
+            found.len()
         ))),
     }
 }

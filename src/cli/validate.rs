@@ -73,7 +73,8 @@ pub fn run(args: Args) -> Result<()> {
         ));
     }
     let _series = args.vtu.as_deref().map(lock::folder).transpose()?;
-    let trajectories = validate::trajectories(&args.data, &args.split, &model.spec)?;
+    let mut note = |text: String| eprintln!("{text}");
+    let trajectories = validate::trajectories(&args.data, &args.split, &model.spec, &mut note)?;
     // Of one trajectory, the first of the split that counts.
     let shown = trajectories.iter().position(|(t, _)| t.split() == Split::Test);
     let shown = shown.unwrap_or(0);

@@ -75,7 +75,7 @@ fn one(data: &Data, network: &Network, text: &str) -> Result<ModelSpec> {
         segments.check()?;
     }
     for Test { data, split, .. } in data.tests().iter() {
-        trajectories(data, split, &spec)?;
+        trajectories(data, split, &spec, &mut |_| ())?;
     }
     Ok(spec)
 }

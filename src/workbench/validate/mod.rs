@@ -167,22 +167,40 @@ pub fn fits(model: &ModelSpec, trajectory: &Trajectory) -> Result<Pace> {
     Pace::new(trajectory.times(), model.stride)
 }
 
-/// The trajectories of a split (or of `all`), which fit the model.
+/// The trajectories of a split (or of `all`), which fit the model. Those that are shorter than a step of it, as a run that was killed
+/// leaves them, are left out, and `note` is told.
 ///
 /// # Errors
 /// When a file cannot be read or does not fit, and when there is none.
-pub fn trajectories(data: &Path, split: &str, model: &ModelSpec) -> Result<Vec<(Trajectory, Pace)>> {
-    let mut trajectories = Vec::new();
+pub fn trajectories(
+    data: &Path,
+    split: &str,
+    model: &ModelSpec,
+    note: &mut dyn FnMut(String),
+) -> Result<Vec<(Trajectory, Pace)>> {
+    let (mut trajectories, mut short) = (Vec::new(), Vec::new());
     for path in list(data)? {
         let trajectory = Trajectory::open(&path)?;
-        if split == "all" || split == trajectory.split().name() {
-            let pace = name_file(fits(model, &trajectory), &path)?;
-            trajectories.push((trajectory, pace));
+        if split != "all" && split != trajectory.split().name() {
+            continue;
         }
+        // What is wrong with a single file is said.
+        if path != data && Pace::is_short(trajectory.times(), model.stride) {
+            short.push(path);
+            continue;
+        }
+        let pace = name_file(fits(model, &trajectory), &path)?;
+        trajectories.push((trajectory, pace));
     }
+    let left_out = short.first().map(|first| {
+        let (many, stride) = (short.len(), model.stride);
+        format!("{many} shorter than a step of the model, {stride} s, the first of them {}", first.display())
+    });
     if trajectories.is_empty() {
-        return Err(Error::file(data, format!("holds no trajectory of split {split}")));
+        let but = left_out.map_or(String::new(), |short| format!(" but {short}"));
+        return Err(Error::file(data, format!("holds no trajectory of split {split}{but}")));
     }
+    left_out.into_iter().for_each(|short| note(format!("note: trajectories left out: {short}")));
     Ok(trajectories)
 }
 

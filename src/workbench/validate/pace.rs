@@ -53,6 +53,17 @@ impl Pace {
         }
     }
 
+    /// Whether `times` end before the first step of `stride`, s, does.
+    pub fn is_short(times: &[f64], stride: f64) -> bool {
+        match *times {
+            [first, .., last] => {
+                let intervals = (times.len() - 1) as f64;
+                (stride * intervals / (last - first)).round() > intervals
+            }
+            _ => true,
+        }
+    }
+
     /// What RMSE-50 covers, s from the first frame: [`HORIZON`](super::HORIZON) recorded frames, whatever the model's
     /// stride is. Of flows and of bodies, in training and in validation.
     pub fn rmse_50(&self) -> f64 {
@@ -88,6 +99,10 @@ mod tests {
         assert!(refused(&times, 0.004).contains("multiple of the interval"));
         assert!(refused(&times, 0.2).contains("cover"));
         assert!(refused(&[0.0], 0.1).contains("two frames"));
+        assert!(
+            [0.2, 0.11].iter().all(|stride| Pace::is_short(&times, *stride)) && Pace::is_short(&[0.0], 0.1)
+        );
+        assert!([0.1, 0.05, 0.015].iter().all(|stride| !Pace::is_short(&times, *stride)));
         assert!(refused(&[0.0, 0.1, 0.3], 0.1).contains("frame 1 is at 0.1 s, 0.1 s after the one before"));
     }
 }

@@ -372,6 +372,29 @@ fn models_and_data_of_other_kinds_are_refused() {
     assert!(message(spec).contains("the model knows a vector with dimensions [0 1 -1"));
 }
 
+/// A run that was killed leaves some frames: the others are taken, and that is told.
+#[test]
+fn trajectories_shorter_than_a_step_are_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    m4gn_samples::training::write_data(folder.path(), 1).unwrap();
+    for (name, frames) in [("001.h5", 1), ("002.h5", 2), ("003.h5", 3)] {
+        m4gn_samples::training::write_trajectory(&at(name), 0, Split::Test, frames).unwrap();
+    }
+    // Two frames a step
+    let spec = m4gn_model::ModelSpec { stride: 0.02, ..m4gn_samples::model::spec() };
+    let mut notes = Vec::new();
+    let mut found = |data: &Path, split: &str| trajectories(data, split, &spec, &mut |note| notes.push(note));
+    assert_eq!(found(folder.path(), "valid").unwrap().len(), 1);
+    assert_eq!(found(folder.path(), "test").unwrap()[0].1.steps, 1);
+    let message = found(&at("002.h5"), "test").unwrap_err().to_string();
+    assert!(message.contains("002.h5: the model steps 0.02 s"), "{message}");
+    std::fs::remove_file(at("003.h5")).unwrap();
+    let message = found(folder.path(), "test").unwrap_err().to_string();
+    assert!(message.contains("no trajectory of split test but 2 shorter than a step"), "{message}");
+    assert!(notes.len() == 1 && notes[0].contains("001.h5"), "{notes:?}");
+}
+
 /// A flow at cells in two directions, its fields by whatever names.
 #[test]
 fn a_flow_whose_field_has_another_name() {
