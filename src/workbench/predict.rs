@@ -1,7 +1,7 @@
 //! A model's rollout from the first frame of a trajectory, as a trajectory, with its errors beside those of knowing nothing.
 
 use crate::validate::{Scene, fits, stepper};
-use m4gn_base::{Error, Result};
+use m4gn_base::Result;
 use m4gn_data::{FieldMeta, Trajectory, WriteOptions, Writer};
 use m4gn_model::Model;
 use m4gn_parallel::Comm;
@@ -93,10 +93,7 @@ pub fn run(
     })?;
     drop(step);
     writer.finish()?;
-    match (taken, diverged) {
-        (0, Some(why)) => Err(Error::Numerical(why)),
-        (steps, diverged) => Ok(Predicted { steps, fields: errors, diverged, outside }),
-    }
+    Ok(Predicted { steps: taken, fields: errors, diverged, outside })
 }
 
 impl Predicted {

@@ -333,6 +333,22 @@ fn a_rollout_of_a_body_is_a_trajectory() {
     assert_eq!(p.read_frame("D", 0).unwrap(), t.read_frame("D", 0).unwrap());
 }
 
+/// Outputs of more than single precision holds: what comes before the first step is written, and the others of a folder go on.
+#[test]
+fn a_rollout_that_blows_up_at_once_is_noted() {
+    let (t, folder) = (Trajectory::open(FILE).unwrap(), tempfile::tempdir().unwrap());
+    let out = folder.path().join("p.h5");
+    let mut model = still();
+    for name in ["norm.output.mean", "norm.output.std"] {
+        model.tensors.get_mut(name).unwrap().data.fill(f32::MAX);
+    }
+    let options = SessionOptions::default();
+    let found = crate::predict::run(&model, &t, &options, (None, &out), &mut || Ok(())).unwrap();
+    assert!(found.steps == 0 && found.diverged.as_ref().unwrap().starts_with("step 1: "), "{found:?}");
+    assert_eq!(Trajectory::open(out).unwrap().times(), [t.times()[0]]);
+    assert!(!found.table().to_string().contains("model"));
+}
+
 #[test]
 fn an_obstacle_that_sinks_in_is_told() {
     let t = Trajectory::open(FILE).unwrap();
