@@ -40,6 +40,12 @@ fn files_that_are_no_trajectories() {
         let named = other.contains(&format!("schema version {version}")) && other.contains("reads version 3");
         assert!(named, "{other}");
     }
+    // What is said of a trajectory is looked up, and added to, by name.
+    let list = make(&|f| {
+        f.delete_attr("provenance").unwrap();
+        super::layout::text::<8>(Path::new("a"), f, "provenance", "[1]").unwrap();
+    });
+    assert!(list.contains("provenance is not a JSON object"), "{list}");
     let gone = make(&|f| f.unlink("mesh/face_owner").unwrap());
     assert!(gone.contains("mesh/face_owner"), "{gone}");
     let label = make(&|f| f.dataset("mesh/face_owner").unwrap().write_raw(&[0, 1, 2, 4]).unwrap());

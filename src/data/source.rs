@@ -93,13 +93,13 @@ impl<'a> Source<'a> {
     /// Split and provenance.
     pub(super) fn origin(&self, root: &hdf5::Group) -> Result<(Split, serde_json::Value)> {
         let provenance = self.text::<LONG>(root, "provenance")?;
-        let provenance = serde_json::from_str(&provenance)
-            .map_err(|e| Error::file(self.path, format!("attribute provenance is not JSON: {e}")))?;
+        let provenance: serde_json::Map<String, serde_json::Value> = serde_json::from_str(&provenance)
+            .map_err(|e| Error::file(self.path, format!("attribute provenance is not a JSON object: {e}")))?;
         let split = self
             .text::<NAME>(root, "split")?
             .parse()
             .map_err(|e: Error| Error::file(self.path, e.to_string()))?;
-        Ok((split, provenance))
+        Ok((split, provenance.into()))
     }
 
     /// The frames' times: at least one, finite, increasing.
