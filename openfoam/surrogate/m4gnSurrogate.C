@@ -130,9 +130,11 @@ void Foam::functionObjects::m4gnSurrogate::jump()
     refuseMemory();
     jump_->begin();
     jumping_ = true;
-    setProperty(solverDeltaT, time_.deltaTValue());
+    const scalar deltaT = time_.deltaTValue();
+    setProperty(solverDeltaT, deltaT);
     // A fit hands back old levels of the solver's own step
-    setProperty(stepBefore, completions_.set(pending_.surrogate) ? pending_.duration : time_.deltaTValue());
+    const label i = pending_.surrogate;
+    setProperty(stepBefore, completions_.set(i) ? completions_[i].stepBefore(deltaT) : deltaT);
     const bool jumped = jump_->run(pending_, *this);
     setProperty(solverDeltaT, scalar(0));
     jumping_ = false;

@@ -19,6 +19,12 @@ while read -r compact tolerance limit; do
     jumped 2 2
     [ ! -d 0.13 ] && [ -d 0.15 ] || fail "expected the surrogate's times 0.125 and 0.15, found: $(echo 0.1*)"
     close_to ../full $limit 0.{155,175,2,255}/D
+
+    # Carried on from where the first jump ended: with the velocity that was handed back
+    keep whole 0.15 postProcessing
+    carry_on 0.15
+    control startTime 0
+    close_to ../full $limit 0.{155,175}/D
 done <<'EOD'
 yes 1e-8 1e-5
 no 2e-5 1e-3
