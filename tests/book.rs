@@ -163,7 +163,7 @@ fn commands(text: &str) -> Vec<String> {
 
 #[test]
 fn commands_of_the_book_exist() {
-    let known = |family: &str| match family.starts_with("deforming") || family.starts_with("stacked") {
+    let known = |family: &str| match family.starts_with("deforming") {
         true => "deforming-beam",
         false => "cylinder-flow",
     };

@@ -134,28 +134,6 @@ fn along(
     assert!((found / length - 1.0).abs() < tolerance, "{unroll} strides: {found} and {length}");
 }
 
-/// Two bars that see each other by world edges, through three strides. How near they come counts as given, so that the network here does
-/// not read it.
-#[test]
-fn the_gradient_goes_from_body_to_body() {
-    let mut spec = spec();
-    spec.contact.as_mut().unwrap().radius = 0.5;
-    let (work, body) = bending(m4gn_samples::bodies::stack([4, 1, 1], [3.0, 1.0, 1.0], 0.2), &spec);
-    let edges = work.train[0].structure.graph.senders.len();
-    // Corners across the gap, both ways: eight of the free points of each.
-    assert_eq!(edges, 2 * body.edges.len() + 2 * 12 + 2 * 8);
-    let mut backend = NativeBackend::new(&training(), &spec, &work, 1).unwrap();
-    let layout = Layout::new(&spec);
-    let mut weights = layout.flatten(&Model::random(spec.clone(), 3).unwrap()).unwrap();
-    let (start, shape) = layout.find("encoder.node.0.weight").unwrap();
-    let nearness: Vec<usize> =
-        (0..shape[0]).flat_map(|row| (3..8).map(move |column| start + row * shape[1] + column)).collect();
-    nearness.iter().for_each(|&i| weights[i] = 0.0);
-    let (_, mut direction, normaliser) = learn(&mut backend, None, &weights, 3);
-    nearness.iter().for_each(|&i| direction[i] = 0.0);
-    along(&mut backend, &normaliser, (&weights, &direction), 3, (1e-2, 1e-2));
-}
-
 /// A flow at points, those of its walls at rest and those of its inlet at .5 m/s.
 fn points(spec: &ModelSpec) -> Workload {
     let mesh = m4gn_samples::mesh::at_points(m4gn_samples::mesh::triangles(6, 4, 1.5, 1.0));

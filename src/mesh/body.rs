@@ -56,10 +56,11 @@ pub struct BodyShare {
 }
 
 impl Body {
-    /// Checks types, materials, volumes at rest, that the edges are those of the elements, and that each part is held.
+    /// Checks types, materials, volumes at rest, that the edges are those of the elements, that it is in one
+    /// part, and that it is held.
     ///
     /// # Errors
-    /// [`Error::Mesh`] naming the element, the point or the part.
+    /// [`Error::Mesh`] naming the element or the point.
     pub fn check(&self) -> Result<()> {
         let held = |t: &NodeType| matches!(t, NodeType::Body | NodeType::Handle);
         refuse_any(self.types.iter().position(|t| !held(t)), Error::Mesh, |p| {
@@ -87,34 +88,27 @@ impl Body {
         self.check_held()
     }
 
-    /// Each part, whose points share no element with others, needs handle points that do not all lie on a line: it could
-    /// turn around that line, or move as it likes.
+    /// The body needs to hang together, and handle points that do not all lie on a line: it could turn around that line, or move as it
+    /// likes.
     fn check_held(&self) -> Result<()> {
         let part = self.elements.parts(self.positions.len());
-        let count = part.iter().max().map_or(0, |k| *k as usize + 1);
-        let (mut first, mut size) = (vec![0; count], vec![0; count]);
-        let mut held: Vec<Vec<Vector>> = vec![Vec::new(); count];
-        for (p, &k) in part.iter().enumerate().rev() {
-            (first[k as usize], size[k as usize]) = (p, size[k as usize] + 1);
-            if self.types[p] == NodeType::Handle {
-                held[k as usize].push(self.positions[p]);
-            }
-        }
-        // A point without element is no part.
-        for k in (0..count).filter(|&k| size[k] > 1) {
-            let why = match held[k].len() {
-                0 => "no handle: nothing holds it",
-                1 => "one handle point: it turns around that",
-                _ if on_a_line(&held[k]) => "handle points on one line: it turns around that",
-                _ => continue,
-            };
-            return Err(Error::Mesh(format!(
-                "part {k} of {count} of the body, {} points of which the first is {}, has {why}; mark its held points (type \
-                 7), or join the points of parts that are one body",
-                size[k], first[k]
-            )));
-        }
-        Ok(())
+        let first = self.elements.points.first().map_or(0, |&p| part[p as usize]);
+        refuse_any(self.elements.points.iter().find(|&&p| part[p as usize] != first), Error::Mesh, |p| {
+            format!(
+                "point {p} of the body shares no element with what hangs together with point {}: expected a body in one part, as a \
+                 network sees contact with an obstacle alone; make a body of each part, or join their points",
+                self.elements.points[0]
+            )
+        })?;
+        let places = self.positions.iter().zip(&self.types);
+        let held: Vec<Vector> = places.filter(|(_, t)| **t == NodeType::Handle).map(|(x, _)| *x).collect();
+        let why = match held.len() {
+            0 => "no handle: nothing holds it",
+            1 => "one handle point: it turns around that",
+            _ if on_a_line(&held) => "handle points on one line: it turns around that",
+            _ => return Ok(()),
+        };
+        Err(Error::Mesh(format!("the body has {why}; mark its held points (type 7)")))
     }
 
     /// The body, and the obstacle that may touch it, as a mesh on one rank.
@@ -350,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn each_part_is_held_by_more_than_a_line() {
+    fn a_body_is_in_one_part_and_held_by_more_than_a_line() {
         let held = |points: &[usize]| {
             let mut body = sample::bar(2);
             body.types.fill(NodeType::Body);
@@ -361,7 +355,7 @@ mod tests {
         assert!(held(&[5]).unwrap_err().contains("one handle point"));
         assert!(held(&[0, 4, 8]).unwrap_err().contains("on one line"));
         held(&[0, 4, 1]).unwrap();
-        // Two cubes that share no point, one of them free.
+        // Two cubes that share no point.
         let mut body = sample::bar(3);
         body.elements = Elements::of_kind(
             ElementKind::Hexahedron,
@@ -369,7 +363,7 @@ mod tests {
         );
         (body.edges, body.material) = (body.elements.edges(), vec![body.material[0]; 2]);
         let error = body.check().unwrap_err().to_string();
-        assert!(error.contains("part 1 of 2") && error.contains("the first is 8"), "{error}");
+        assert!(error.contains("expected a body in one part"), "{error}");
     }
 
     #[test]

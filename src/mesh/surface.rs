@@ -12,10 +12,6 @@ pub struct Surface {
     /// Normals that decide the side: of the face, of its edges (0-1, 1-2, 2-0) and of its points; the sums over
     /// the triangles there, those of points weighted by angle (Baerentzen and Aanaes 2005).
     normals: Vec<[Vector; 7]>,
-    /// Number of each triangle where it came from.
-    number: Vec<usize>,
-    /// Normals of the triangles as they came.
-    faces: Vec<Vector>,
     nodes: Vec<Node>,
 }
 
@@ -26,19 +22,6 @@ pub struct Foot {
     pub distance: f64,
     /// Unit vector in which the distance grows; the surface's normal where the point lies on it.
     pub normal: Vector,
-    /// The place, m.
-    pub at: Vector,
-    /// The triangle it lies in.
-    pub triangle: usize,
-}
-
-/// Triangles that face against a direction: whose normals' product with it is below a number.
-#[derive(Clone, Copy, Debug)]
-pub struct Against {
-    /// The direction, a unit vector.
-    pub direction: Vector,
-    /// The product is below this cosine.
-    pub cosine: f64,
 }
 
 /// A box around triangles `from..to`; children are the next node and `right`, a leaf has no `right`.
@@ -49,8 +32,6 @@ struct Node {
     from: usize,
     to: usize,
     right: Option<usize>,
-    /// Smallest and largest components of the triangles' normals.
-    normals: [Vector; 2],
 }
 
 const LEAF: usize = 4;
@@ -106,12 +87,10 @@ impl Surface {
         let middles: Vec<Vector> = (0..triangles.len()).map(|t| average(corner(t))).collect();
         let mut nodes = Vec::new();
         let normals = side_normals(points, triangles);
-        build(&mut order, 0, &middles, &corner, &|t| normals[t][0], &mut nodes);
+        build(&mut order, 0, &middles, &corner, &mut nodes);
         Surface {
             corners: order.iter().map(|&t| corner(t)).collect(),
             normals: order.iter().map(|&t| normals[t]).collect(),
-            number: order,
-            faces: normals.iter().map(|n| n[0]).collect(),
             nodes,
         }
     }
@@ -126,38 +105,13 @@ impl Surface {
         self.foot(x).map_or(f64::INFINITY, |f| f.distance)
     }
 
-    /// Unit normal of a triangle; 0 where it has no area.
-    pub fn normal(&self, triangle: usize) -> Vector {
-        self.faces[triangle]
-    }
-
     /// The place nearest to x; None without triangles, or for an x that is not finite.
     pub fn foot(&self, x: Vector) -> Option<Foot> {
-        self.search(x, f64::INFINITY, |_| true, |_| true)
-    }
-
-    /// The place nearest to x among triangles that face `against` a direction and are nearer than `limit`, m.
-    pub fn foot_against(&self, x: Vector, limit: f64, against: Against) -> Option<Foot> {
-        let Against { direction: d, cosine } = against;
-        let may = |node: &Node| {
-            let [low, high] = node.normals;
-            (0..3).map(|i| (low[i] * d[i]).min(high[i] * d[i])).sum::<f64>() < cosine
-        };
-        self.search(x, limit, may, |t| dot(self.faces[t], d) < cosine)
-    }
-
-    fn search(
-        &self,
-        x: Vector,
-        limit: f64,
-        may: impl Fn(&Node) -> bool,
-        take: impl Fn(usize) -> bool,
-    ) -> Option<Foot> {
-        let mut best = (limit * limit, usize::MAX, 0, [0.0; 3]);
+        let mut best = (f64::INFINITY, usize::MAX, 0, [0.0; 3]);
         let mut stack = vec![0];
         while let Some(i) = stack.pop() {
             let node = &self.nodes[i];
-            if beyond(x, node) >= best.0 || !may(node) {
+            if beyond(x, node) >= best.0 {
                 continue;
             }
             match node.right {
@@ -167,7 +121,7 @@ impl Surface {
                     stack.extend(if a_first { [b, a] } else { [a, b] });
                 }
                 None => {
-                    for t in (node.from..node.to).filter(|&t| take(self.number[t])) {
+                    for t in node.from..node.to {
                         let (nearest, feature) = closest(x, &self.corners[t]);
                         let away = sub(x, nearest);
                         let square = dot(away, away);
@@ -187,12 +141,7 @@ impl Surface {
         let size = at.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         let (from, length) =
             if distance.abs() > 1e-12 * size { (away, distance) } else { (side, norm(side)) };
-        Some(Foot {
-            distance,
-            normal: from.map(|v| if length == 0.0 { 0.0 } else { v / length }),
-            at,
-            triangle: self.number[t],
-        })
+        Some(Foot { distance, normal: from.map(|v| if length == 0.0 { 0.0 } else { v / length }) })
     }
 }
 
@@ -201,19 +150,11 @@ fn build(
     offset: usize,
     middles: &[Vector],
     corner: &impl Fn(usize) -> [Vector; 3],
-    normal: &impl Fn(usize) -> Vector,
     nodes: &mut Vec<Node>,
 ) {
     let [low, high] = bounds(order.iter().flat_map(|&t| corner(t)));
     let this = nodes.len();
-    nodes.push(Node {
-        low,
-        high,
-        from: offset,
-        to: offset + order.len(),
-        right: None,
-        normals: bounds(order.iter().map(|&t| normal(t))),
-    });
+    nodes.push(Node { low, high, from: offset, to: offset + order.len(), right: None });
     if order.len() <= LEAF {
         return;
     }
@@ -222,9 +163,9 @@ fn build(
     let half = order.len() / 2;
     order.select_nth_unstable_by(half, |&a, &b| middles[a][axis].total_cmp(&middles[b][axis]));
     let (left, right) = order.split_at_mut(half);
-    build(left, offset, middles, corner, normal, nodes);
+    build(left, offset, middles, corner, nodes);
     nodes[this].right = Some(nodes.len());
-    build(right, offset + half, middles, corner, normal, nodes);
+    build(right, offset + half, middles, corner, nodes);
 }
 
 /// Smallest and largest components.

@@ -62,17 +62,6 @@ fn steps_of_other_kinds_are_those_of_the_plain_network() {
     }
 }
 
-/// The same of two bodies within reach of each other.
-#[test]
-fn steps_of_two_bodies_are_those_of_the_plain_network() {
-    let (model, ..) = case();
-    let body = sample::stack([6, 2, 2], [3.0, 1.0, 1.0], 0.3);
-    let obstacle = sample::octahedron([2.6, 0.5, 2.9], 0.5);
-    let edges = steps_against_the_plain_network(&model, &body, &obstacle);
-    let mesh = 2 * body.edges.len() + 2 * 12;
-    assert!(edges[0] > mesh + 20, "{edges:?} of {mesh}");
-}
-
 /// The number of edges in each step.
 fn steps_against_the_plain_network(model: &Model, body: &Body, obstacle: &Obstacle) -> Vec<usize> {
     let n = body.positions.len();

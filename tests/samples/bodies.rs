@@ -1,4 +1,4 @@
-//! Sample bodies with an obstacle: a block of bricks held at one end, or two of them, under an octahedron.
+//! Sample bodies with an obstacle: a block of bricks held at one end, under an octahedron.
 
 use crate::mesh::shuffled;
 use m4gn_mesh::NodeType;
@@ -60,21 +60,6 @@ pub fn renumbered(body: &Body, seed: u64) -> (Body, Vec<usize>) {
         elements,
     };
     (renumbered, points)
-}
-
-/// Two such blocks in one body, the second above the first with a gap between them.
-pub fn stack(n: [usize; 3], l: Vector, gap: f64) -> Body {
-    let lower = block(n, l);
-    let count = lower.positions.len();
-    let mut body = lower.clone();
-    body.positions.extend(lower.positions.iter().map(|x| [x[0], x[1], x[2] + l[2] + gap]));
-    body.types.extend(&lower.types);
-    body.material.extend(&lower.material);
-    let upper = lower.elements.points.iter().map(|p| p + count as i32);
-    let points = lower.elements.points.iter().copied().chain(upper).collect();
-    body.elements = Elements::of_kind(ElementKind::Hexahedron, points);
-    body.edges = body.elements.edges();
-    body
 }
 
 /// An octahedron around `centre` with corners at `radius` along the axes.

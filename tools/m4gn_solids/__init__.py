@@ -1,7 +1,6 @@
 """Deforming plates and beams: hyperelastic bodies pressed by rigid obstacles, computed with FElupe.
 
-`m4gn generate deforming-plate`, `deforming-beam` and `stacked-beams` run this package in an environment of its own
-(setup/solids.sh).
+`m4gn generate deforming-plate` and `deforming-beam` run this package in an environment of its own (setup/solids.sh).
 It knows nothing of m4gn but the data set's schema (recording.py).
 """
 

@@ -2,8 +2,8 @@
 
 case.json: family, large, seed, index, points (about how many; null: as many as in the paper), poisson (the ratio), frames,
 interval (s), split, command. What comes out: trajectory.h5 and, for
-the figures, result.json. A draw that has no quasi-static path, cannot be meshed, lets the obstacle or another part sink
-in or has parts that never touch is drawn again; every such failure is kept in both files.
+the figures, result.json. A draw that has no quasi-static path, cannot be meshed or lets the obstacle sink in is drawn
+again; every such failure is kept in both files.
 """
 
 import json
@@ -11,8 +11,6 @@ import sys
 import time
 from importlib.metadata import version
 from pathlib import Path
-
-import numpy as np
 
 from . import draws, meshing
 from .equilibrium import March, NoEquilibrium, Solid
@@ -25,11 +23,7 @@ DEEPEST = 0.05
 
 
 class SunkIn(Exception):
-    """The obstacle lies inside the body, or one part of the body inside another."""
-
-
-class NeverTouch(Exception):
-    """The parts of the body never touch each other."""
+    """The obstacle lies inside the body."""
 
 
 def attempt(case, parameters):
@@ -47,11 +41,7 @@ def attempt(case, parameters):
     for k, displacement in enumerate(march.frames()):
         if march.gap < -DEEPEST * march.size:
             raise SunkIn(f"the obstacle is {-march.gap / march.size:.3f} cell sizes inside at frame {k}")
-        if march.parts_gap < -DEEPEST * march.size:
-            raise SunkIn(f"a part is {-march.parts_gap / march.size:.3f} cell sizes inside another at frame {k}")
         recording.append(k * case["interval"], displacement, obstacle.place(local, k) - start)
-    if march.parts > 1 and march.parts_touch_frame is None:
-        raise NeverTouch("the parts never touch")
     figures = {
         "points": len(body.points),
         "elements": len(body.cells),
@@ -59,9 +49,6 @@ def attempt(case, parameters):
         "cell_size": march.size,
         "worst_gap": march.gap / march.size,
         "worst_gap_frame": march.gap_frame,
-        "parts": march.parts,
-        "parts_gap": march.parts_gap / march.size if np.isfinite(march.parts_gap) else None,
-        "parts_touch_frame": march.parts_touch_frame,
         "newton_iterations": march.iterations,
     }
     return recording, figures
@@ -77,7 +64,7 @@ def main():
         try:
             recording, figures = attempt(case, parameters)
             break
-        except (NoEquilibrium, SunkIn, NeverTouch, meshing.MeshFailed) as reason:
+        except (NoEquilibrium, SunkIn, meshing.MeshFailed) as reason:
             spent = round(time.process_time() - began, 3)
             redraws.append({"reason": str(reason), "cpu_seconds": spent, "parameters": parameters})
             print(f"draw {number}: {reason}", flush=True)

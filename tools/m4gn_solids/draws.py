@@ -5,7 +5,7 @@ import numpy as np
 from . import contact, elements, meshing
 from .obstacles import Obstacle, RoundedBox, RoundedCylinder
 
-FAMILIES = ("deforming-plate", "deforming-beam", "stacked-beams")
+FAMILIES = ("deforming-plate", "deforming-beam")
 """The place of a family decides its random numbers: a new one comes last."""
 
 YOUNG, DENSITY = 1e6, 1000.0
@@ -22,12 +22,7 @@ def generator(family, large, seed, index, attempt):
 
 def draw(random, family, large, points=None):
     """All parameters of a trajectory; numbers, text and lists only. `points`: another size of mesh than the usual."""
-    if large and family == "stacked-beams":
-        raise ValueError("stacked-beams has no large domain")
-    if family == "deforming-plate":
-        parameters = _plate(random)
-    else:
-        parameters = _stacked(random) if family == "stacked-beams" else _beam(random, large)
+    parameters = _plate(random) if family == "deforming-plate" else _beam(random, large)
     if points:
         parameters["body"]["points"] = points
     return parameters
@@ -79,56 +74,6 @@ def _beam(random, large):
         obstacle |= {"half": half, "radius": random.uniform(0.3, 0.6) * min(half)}
         obstacle["turn"] = random.uniform(-0.35, 0.35)
     return {"body": body, "obstacle": obstacle}
-
-
-def _stacked(random):
-    """Two beams, the second behind the first as seen from the obstacle; both are held at x = 0."""
-    drawn = _beam(random, False)
-    first, obstacle = drawn["body"] | {"bow": 0.0}, drawn["obstacle"]
-    length = first["length"]
-    # Wider than single beams and pressed near the middle: squeezed beams slip off each other sideways otherwise.
-    first["width"] = random.uniform(0.018, 0.026)
-    if obstacle["shape"] == "sphere":
-        obstacle["start"][2] = random.uniform(-0.06, 0.06) * first["width"]
-    height = random.uniform(0.014, 0.024)
-    second = first | {
-        "length": length * random.uniform(0.8, 1.2),
-        "height": height,
-        "tip_height": height * random.uniform(0.6, 1.1),
-        "support": _choice(random, {"one end": 0.65, "both ends": 0.35}),
-    }
-    # A cell as large as the meshes' will be: triangles of equal sides
-    area = sum(_side_area(beam) for beam in (first, second))
-    cell = np.sqrt(area * (first["layers"] + 1) / (0.866 * BEAM_POINTS))
-    gap = float(random.uniform(0.1, 2.5) * cell)
-    # Where a beam is held at both ends, the obstacle stays in the middle and goes less far.
-    if first["support"] == second["support"] == "one end":
-        obstacle["depth"] = gap + random.uniform(0.2, 0.38) * length
-    else:
-        shorter = min(length, second["length"])
-        obstacle["start"][0] = random.uniform(0.35, 0.65) * shorter
-        obstacle["depth"] = random.uniform(0.1, 0.18) * length
-        obstacle["slide"] = random.uniform(-0.05, 0.05) * length
-        gap = min(gap, 0.5 * obstacle["depth"])
-    _fit(obstacle, first["width"])
-    body = {"first": first, "second": second, "gap": gap, "points": BEAM_POINTS}
-    for beam in (first, second):
-        del beam["points"]
-    return {"body": body, "obstacle": obstacle}
-
-
-def _fit(obstacle, width):
-    """Makes the obstacle as wide as it would have been drawn for a beam of this width."""
-    if obstacle["shape"] == "cylinder":
-        obstacle["half"] = 0.75 * width + obstacle["rim"]
-    elif obstacle["shape"] == "sphere":
-        obstacle["radius"] = max(obstacle["radius"], 0.6 * width)
-    else:
-        obstacle["half"][2] = 0.8 * width
-
-
-def _side_area(beam):
-    return beam["length"] * (beam["height"] + beam["tip_height"]) / 2
 
 
 def _plate(random):
@@ -187,7 +132,8 @@ def _holes(random, length, width, count):
 def build(parameters, family, frames, folder):
     """The meshed body, and the obstacle just clear of it at frame 0 with its motion over `frames` frames after it."""
     drawn = parameters["obstacle"]
-    body = _body(parameters, family, folder)
+    mesh = meshing.plate if family == "deforming-plate" else meshing.beam
+    body = mesh(parameters["body"], folder)
     # The obstacle's axes: x along the body, y towards the obstacle. Cylinders lie across a beam and across a plate.
     side = drawn["side"]
     if family != "deforming-plate":
@@ -205,25 +151,6 @@ def build(parameters, family, frames, folder):
     obstacle = Obstacle(solid, path, frame, across, drawn["turn"] * part[:, 0])
     obstacle.centres = path + _clear(body, obstacle, np.array(drawn["start"]), towards)
     return body, obstacle
-
-
-def _body(parameters, family, folder):
-    shape = parameters["body"]
-    if family == "deforming-plate":
-        return meshing.plate(shape, folder)
-    if family == "deforming-beam":
-        return meshing.beam(shape, folder)
-    first, second = shape["first"], shape["second"]
-    share = shape["points"] / (_side_area(first) + _side_area(second))
-    one, other = (meshing.beam(beam | {"points": round(share * _side_area(beam))}, folder) for beam in (first, second))
-    # Sides are straight: the beams are nearest to each other at the support or at the shorter one's tip.
-    near = [sum(_half_height(beam, x) for beam in (first, second)) for x in (0, min(first["length"], second["length"]))]
-    other.points[:, 1] -= parameters["obstacle"]["side"] * (shape["gap"] + max(near))
-    return meshing.joined(one, other)
-
-
-def _half_height(beam, x):
-    return (beam["height"] + (beam["tip_height"] - beam["height"]) * x / beam["length"]) / 2
 
 
 def _shape(drawn):

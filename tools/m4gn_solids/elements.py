@@ -2,8 +2,6 @@
 
 import felupe as fem
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 TETRAHEDRON, WEDGE = 10, 13
 """VTK's cell codes."""
@@ -67,13 +65,6 @@ def edges(cells, kind):
     }
     ends = np.sort(np.concatenate([cells[:, pair] for pair in sorted(pairs)]), axis=1)
     return np.unique(ends, axis=0)
-
-
-def parts(cells, count):
-    """Part of each of the `count` points, from 0: points are in the same part when cells connect them."""
-    first = np.repeat(cells[:, 0], cells.shape[1])
-    links = sp.coo_matrix((np.ones(cells.size), (first, cells.ravel())), (count, count))
-    return connected_components(links, directed=False)[1]
 
 
 def cell_size(points, edge_ends):

@@ -8,7 +8,7 @@ from felupe.assembly import IntegralForm
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from . import elements
-from .contact import BetweenParts, Contact
+from .contact import Contact
 
 PENALTY = 30.0
 """Contact stiffness at a sample, in E times the cell size."""
@@ -32,21 +32,15 @@ class NoEquilibrium(Exception):
 class Banded:
     """A symmetric matrix of fixed pattern in LAPACK's lower banded form, in the order of least bandwidth."""
 
-    def __init__(self, row, column, free, size, links=None):
-        """`row`, `column`: the pattern's degrees of freedom; `free`: those that are unknown.
-
-        `links`: rows and columns of the triplets that `fill` shall have room for beyond the pattern.
-        """
-        all_rows, all_columns = (row, column) if links is None else map(np.append, (row, column), links)
-        pattern = sp.csr_matrix((np.ones(len(all_rows)), (all_rows, all_columns)), (size, size))[free][:, free]
+    def __init__(self, row, column, free, size):
+        """`row`, `column`: the pattern's degrees of freedom; `free`: those that are unknown."""
+        pattern = sp.csr_matrix((np.ones(len(row)), (row, column)), (size, size))[free][:, free]
         order = reverse_cuthill_mckee(pattern.tocsr(), symmetric_mode=True)
         self.free = np.asarray(free)[order]
         self.place = np.full(size, -1)
         self.place[self.free] = np.arange(len(self.free))
         self.keep, below, along = self._index(row, column)
         self.width = int(below.max()) + 1
-        if links is not None:
-            self.width = max(self.width, int(self._index(*links)[1].max(initial=0)) + 1)
         self.flat = along * self.width + below
 
     def _index(self, row, column):
@@ -54,10 +48,6 @@ class Banded:
         i, j = self.place[row], self.place[column]
         keep = np.flatnonzero((j >= 0) & (i >= j))
         return keep, i[keep] - j[keep], j[keep]
-
-    def holds(self, row, column):
-        """Whether these entries are inside the band."""
-        return self._index(row, column)[1].max(initial=0) < self.width
 
     def fill(self, value, more):
         """Band [width, n] (Fortran order) of the pattern's values plus triplets inside the band."""
@@ -127,27 +117,19 @@ class Solid:
 class March:
     """The frames one after another.
 
-    `gap` is the smallest gap between obstacle and body at any frame in m, `gap_frame` where. `parts_gap` and
-    `parts_gap_frame` are the same for the `parts` of the body (inf while they are far from each other), and
-    `parts_touch_frame` is the first frame where they touch, None before.
+    `gap` is the smallest gap between obstacle and body at any frame in m, `gap_frame` where.
     """
 
     def __init__(self, body, obstacle, solid, young):
         self.body, self.obstacle, self.solid = body, obstacle, solid
         self.size = elements.cell_size(body.points, elements.edges(body.cells, body.kind))
         self.contact = Contact(body, obstacle, PENALTY * young * self.size, BLEND * self.size)
-        part = elements.parts(body.cells, len(body.points))
-        self.parts = int(part.max()) + 1
-        self.between = None
-        if self.parts > 1:
-            self.between = BetweenParts(body, part, self.contact.stiffness, self.contact.blend, self.size)
-        self.free = np.flatnonzero(np.repeat(~body.fixed, 3))
-        self.banded = Banded(solid.row, solid.column, self.free, solid.size)
+        free = np.flatnonzero(np.repeat(~body.fixed, 3))
+        self.banded = Banded(solid.row, solid.column, free, solid.size)
         self.fixed_dof = np.flatnonzero(np.repeat(body.fixed, 3))
         self.least_force = 1e-3 * young * self.size**2
         self.iterations = 0
         self.gap, self.gap_frame = np.inf, 0
-        self.parts_gap, self.parts_gap_frame, self.parts_touch_frame = np.inf, 0, None
 
     def frames(self):
         """Yields the displacement [N, 3] of every frame, the first at rest. The solid is left at the frame's state."""
@@ -179,39 +161,17 @@ class March:
         gap = self.contact.gaps(self.body.points + displacement, frame).min()
         if gap < self.gap:
             self.gap, self.gap_frame = float(gap), frame
-        if self.between:
-            self._note_parts(self.between.pair(self.body.points + displacement), frame)
-
-    def _note_parts(self, gap, frame):
-        if gap < self.parts_gap:
-            self.parts_gap, self.parts_gap_frame = gap, frame
-        if gap < self.between.blend and self.parts_touch_frame is None:
-            self.parts_touch_frame = frame
 
     def _residual(self, displacement, frame):
         if not self.solid.set(displacement):
             return None
         push, contact_tangent = self.contact.evaluate(self.body.points + displacement, frame)
         force = self.solid.force() + push
-        if self.between:
-            between, more = self.between.evaluate(self.body.points + displacement)
-            force += between
-            contact_tangent = tuple(map(np.append, contact_tangent, more))
         return force.ravel(), float(np.linalg.norm(push.sum(axis=0))), contact_tangent
-
-    def _band(self, contact_tangent):
-        """The derivative of the residual, in a band that has room for all contacts."""
-        if self.between and not self.banded.holds(*contact_tangent[:2]):
-            # Parts came close, or slid along each other: the order of the points follows.
-            links = self.between.links()
-            self.banded = Banded(self.solid.row, self.solid.column, self.free, self.solid.size, links)
-        return self.banded.fill(self.solid.tangent(), contact_tangent)
 
     def _newton(self, guess, frame):
         """Displacement at equilibrium, or None."""
         displacement = np.where(self.body.fixed[:, None], 0.0, guess)
-        if self.between:
-            self.between.pair(self.body.points + displacement)
         before, change, halvings = np.inf, None, 0
         for iteration in range(ITERATIONS):
             while True:
@@ -230,7 +190,7 @@ class March:
             if iteration and norm < TOLERANCE * max(reaction, push, self.least_force):
                 return displacement
             before, halvings = norm, 0
-            band = self._band(contact_tangent)
+            band = self.banded.fill(self.solid.tangent(), contact_tangent)
             try:
                 change = -self.banded.solve(band, residual).reshape(-1, 3)
             except la.LinAlgError:
@@ -240,7 +200,5 @@ class March:
             if not np.isfinite(largest):
                 return None
             change *= min(1.0, 2 * self.size / max(largest, 1e-300))
-            if self.between:
-                change *= self.between.allowed(self.body.points + displacement, change)
             displacement = displacement + change
         return None

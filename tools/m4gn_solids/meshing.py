@@ -27,16 +27,6 @@ class Body:
     """[N] True for the points of the handle"""
 
 
-def joined(one, other):
-    """Two bodies of the same kind of cells as one body of two parts."""
-    return Body(
-        np.vstack([one.points, other.points]),
-        np.vstack([one.cells, other.cells + len(one.points)]),
-        one.kind,
-        np.concatenate([one.fixed, other.fixed]),
-    )
-
-
 def _gmsh(folder, name, script, dimension):
     """Coordinates and cells (triangles or tetrahedra) of a mesh."""
     source, target = Path(folder, f"{name}.geo"), Path(folder, f"{name}.msh")

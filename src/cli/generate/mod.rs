@@ -53,12 +53,6 @@ enum Family {
         #[arg(long)]
         large: bool,
     },
-    /// Two beams in contact with each other, the first of which is pressed by a rigid obstacle
-    ///
-    /// Straight tapered beams of 8 to 12 cm, held at one end or at both, the second behind the first at a distance of up to a few
-    /// cells; a cylinder, sphere or rounded block presses the first against it, and both bend. About 1542 points of both together;
-    /// material and the rest as for deforming-plate.
-    StackedBeams(solids::SolidArgs),
     #[command(external_subcommand)]
     Folder(Vec<OsString>),
 }
@@ -108,7 +102,6 @@ pub fn run(args: Args) -> Result<()> {
     match args.family {
         Family::DeformingPlate(solid) => solids::run(&solid, Body::DeformingPlate, false),
         Family::DeformingBeam { solid, large } => solids::run(&solid, Body::DeformingBeam, large),
-        Family::StackedBeams(solid) => solids::run(&solid, Body::StackedBeams, false),
         Family::Folder(arguments) => folder::run(&arguments),
     }
 }

@@ -1,4 +1,4 @@
-//! `m4gn generate deforming-plate`, `deforming-beam` and `stacked-beams`.
+//! `m4gn generate deforming-plate` and `deforming-beam`.
 
 use super::{Common, positive};
 use m4gn_base::plugin::homes;
@@ -84,13 +84,12 @@ pub(super) fn run(solid: &SolidArgs, family: Family, large: bool) -> Result<()> 
 fn describe(case: &Request, made: &Made<Figures>) -> (String, Value) {
     let f = &made.figures;
     let line = format!(
-        "{:04}  {:<5}  {} points  {} redraws  worst gap {:+.4} cells{}  {:.1} MB  {:.1} s",
+        "{:04}  {:<5}  {} points  {} redraws  worst gap {:+.4} cells  {:.1} MB  {:.1} s",
         case.index,
         case.split.name(),
         f.points,
         f.redraws.len(),
         f.worst_gap,
-        f.parts_gap.map_or(String::new(), |gap| format!(", between bodies {gap:+.4}")),
         made.bytes as f64 * 1e-6,
         made.seconds
     );

@@ -19,9 +19,6 @@ impl Body {
         other.edges.iter_mut().for_each(|e| flip(&mut e.rest));
         // So that normals still leave the obstacle.
         other.triangles.iter_mut().for_each(|t| t.swap(1, 2));
-        if let Some((skins, _)) = &mut other.skins {
-            skins.reflect();
-        }
         other
     }
 }

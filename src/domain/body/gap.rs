@@ -57,26 +57,6 @@ impl Samples {
         }
         worst.map(|(d, at)| Gap { cells: d / cell_size, at })
     }
-
-    /// Number of samples.
-    pub fn len(&self) -> usize {
-        self.of.len()
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.of.is_empty()
-    }
-
-    /// Point numbers whose mean sample `i` is.
-    pub fn points_of(&self, i: usize) -> &[i32] {
-        &self.of[i]
-    }
-
-    /// Where sample `i` is, m.
-    pub fn position(&self, i: usize, positions: &[Vector]) -> Vector {
-        mean(&self.of[i], positions)
-    }
 }
 
 fn mean(points: &[i32], positions: &[Vector]) -> Vector {

@@ -4,16 +4,12 @@
 //! World edges lead from the obstacle's points to the points of the skin within the radius. None leads back: the
 //! obstacle's motion is prescribed, nothing acts on it. Its points are nodes of the first rank and ghosts of all others,
 //! so that the exchange stays the same while world edges come and go.
-//!
-//! Where a body is of several parts, which share no point, world edges lead from the skin of each part to the free points of the
-//! others' as well, and so both ways. The points of all skins are then ghosts of all ranks.
 
 mod edges;
 
 pub use edges::{MeshEdge, N_FEATURES, has_feature};
 
 use super::part::BodyPart;
-use super::skins::Skins;
 use crate::{Boundary, Components};
 pub(super) use edges::{by_ends, mesh_features};
 use m4gn_base::{Error, Result};
@@ -46,10 +42,6 @@ pub struct Body {
     pub(super) triangles: Vec<[i32; 3]>,
     /// Local nodes of the obstacle's points.
     obstacle_nodes: Vec<i32>,
-    /// Skins of several parts, and the local nodes of their points.
-    pub(super) skins: Option<(Skins, Vec<i32>)>,
-    /// The part of each own point; none of a body in one part.
-    part: Vec<u32>,
 }
 
 impl Body {
@@ -70,11 +62,6 @@ impl Body {
         if !comm.is_root() {
             ghosts.extend((0..q).map(|p| (0, number(p))));
         }
-        if let Some(skins) = &part.skins {
-            let all = skins.ranks.iter().zip(&skins.points);
-            let others = all.filter(|(rank, _)| **rank != comm.rank());
-            ghosts.extend(others.map(|(&rank, &p)| (rank, i64::from(p))));
-        }
         ghosts.sort_unstable();
         ghosts.dedup();
         let halo = Halo::new(comm, &global, &ghosts, n_owned)?;
@@ -92,16 +79,6 @@ impl Body {
             (0..q).map(node).collect()
         };
         let obstacle_nodes = comm.agree(obstacle_nodes())?;
-
-        let skins = part.skins.as_ref().map(|skins| {
-            let node = |(&rank, &p): (&i32, &u32)| match part.points.binary_search(&p) {
-                Ok(own) => Ok(own as i32),
-                Err(_) => ghost(rank, i64::from(p)),
-            };
-            let nodes: Result<Vec<i32>> = skins.ranks.iter().zip(&skins.points).map(node).collect();
-            nodes.map(|nodes| (skins.clone(), nodes))
-        });
-        let skins = comm.agree(skins.transpose())?;
 
         let x = &part.mesh.cell_centres;
         let mut edges = Vec::new();
@@ -147,15 +124,6 @@ impl Body {
             obstacle: part.obstacle.clone(),
             triangles: part.triangles.clone(),
             obstacle_nodes,
-            part: skins.as_ref().map_or_else(Vec::new, |(skins, nodes)| {
-                let mut of = vec![0; n];
-                for (&node, &part) in nodes.iter().zip(&skins.parts).filter(|(node, _)| (**node as usize) < n)
-                {
-                    of[node as usize] = part;
-                }
-                of
-            }),
-            skins,
         };
         let mut graph = Graph {
             n_cells: n,
@@ -212,20 +180,5 @@ impl Body {
         let at = |(x, u): (&Vector, &[f32; 3])| std::array::from_fn(|i| x[i] + f64::from(u[i]));
         let points: Vec<Vector> = self.obstacle.iter().zip(displacement).map(at).collect();
         (!points.is_empty()).then(|| Surface::open(&points, &self.triangles))
-    }
-
-    /// The skins of all parts as surfaces, by part, at a displacement of all local nodes, m.
-    pub(crate) fn skin_surfaces(&self, displacement: &[f32]) -> Vec<Surface> {
-        let Some((skins, _)) = &self.skins else {
-            return Vec::new();
-        };
-        let places = self.skin_places(displacement);
-        let surface = |triangles: &Vec<[i32; 3]>| Surface::open(&places, triangles);
-        skins.triangles.iter().map(surface).collect()
-    }
-
-    /// The part of an own point.
-    pub(crate) fn part_of(&self, point: usize) -> usize {
-        self.part.get(point).map_or(0, |&part| part as usize)
     }
 }

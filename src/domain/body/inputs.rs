@@ -11,9 +11,7 @@ impl Body {
     ///
     /// Of a point of the obstacle: its motion, then zeros. Of a point of the skin that the obstacle is near to, at most the radius of
     /// world edges: 0 0 0, how much nearer than the radius the obstacle is now, how much after its motion if the body stays where it
-    /// is, and the latter along the obstacle's normal, which is where the point would be pushed. Where another part of the body, which
-    /// shares no point with the point's own, is nearer than the obstacle, the same of that part, which is taken to stay. Zeros of all
-    /// other points.
+    /// is, and the latter along the obstacle's normal, which is where the point would be pushed. Zeros of all other points.
     ///
     /// The obstacle's points alone (world edges) say poorly how deep it sinks in between them.
     pub(super) fn inputs_at(&self, displacement: &[f32], next: &[f32], inputs: &mut Vec<f32>) {
@@ -34,24 +32,15 @@ impl Body {
         for (row, (now, after)) in rows.zip(now.iter().zip(after)) {
             (0..3).for_each(|i| row[fields + i] = after[i] - now[i]);
         }
-        let surfaces = [self.surface(now), self.surface(after)];
-        let parts = self.skin_surfaces(displacement);
-        if surfaces[0].is_none() && parts.is_empty() {
+        let (Some(now), Some(after)) = (self.surface(now), self.surface(after)) else {
             return;
-        }
+        };
         for &p in self.skin() {
             let u = &displacement[3 * p as usize..][..3];
             let x: Vector = std::array::from_fn(|i| self.rest()[p as usize][i] + f64::from(u[i]));
             let row = &mut inputs[p as usize * width + fields..][..N_CONTACT_INPUTS];
-            let own = self.part_of(p as usize);
-            let others = parts.iter().enumerate().filter(|(part, _)| *part != own);
-            let other = nearest(others.map(|(_, skin)| self.nearness(skin, x)));
-            let [now, after] = surfaces.each_ref().map(|surface| {
-                let obstacle = surface.as_ref().and_then(|s| self.nearness(s, x));
-                nearest([obstacle, other].into_iter())
-            });
-            row[3] = now.map_or(0.0, |(near, _)| near as f32);
-            if let Some((near, normal)) = after {
+            row[3] = self.nearness(&now, x).map_or(0.0, |(near, _)| near as f32);
+            if let Some((near, normal)) = self.nearness(&after, x) {
                 row[4] = near as f32;
                 (0..3).for_each(|i| row[5 + i] = (near * normal[i]) as f32);
             }
@@ -69,11 +58,6 @@ impl Body {
     }
 }
 
-/// The nearer of what is near.
-fn nearest(near: impl Iterator<Item = Option<(f64, Vector)>>) -> Option<(f64, Vector)> {
-    near.flatten().max_by(|a, b| a.0.total_cmp(&b.0))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -85,12 +69,8 @@ mod tests {
     /// A cube of one brick; the lowest corner of an octahedron is 0.5 above the cube's corner (1, 1, 1), point 7.
     fn cube() -> Body {
         let body = sample::block([1, 1, 1], [1.0; 3]);
-        touched(&body, [1.0, 1.0, 2.0])
-    }
-
-    fn touched(body: &m4gn_mesh::body::Body, obstacle: Vector) -> Body {
-        let obstacle = sample::octahedron(obstacle, 0.5);
-        let part = BodyPart::whole(body, Some(&obstacle)).unwrap();
+        let obstacle = sample::octahedron([1.0, 1.0, 2.0], 0.5);
+        let part = BodyPart::whole(&body, Some(&obstacle)).unwrap();
         Body::new(&part, &sample::spec(0.6), &Comm::serial()).unwrap().0
     }
 
@@ -118,28 +98,6 @@ mod tests {
         close(&rows[7], &[0.0, 0.0, 0.0, 0.1, 0.3, 0.0, 0.0, -0.3]);
         rows[..7].iter().for_each(|row| close(row, &[0.0; N_CONTACT_INPUTS]));
         rows[8..].iter().for_each(|row| close(row, &[0.0, 0.0, -0.2, 0.0, 0.0, 0.0, 0.0, 0.0]));
-    }
-
-    /// Two cubes of one brick, 0.4 apart, an obstacle far above: points of the one see the other, both ways.
-    #[test]
-    fn parts_are_told_how_near_they_come() {
-        let body = sample::stack([1, 1, 1], [1.0; 3], 0.4);
-        let touched = touched(&body, [1.0, 1.0, 5.0]);
-        // The upper one moves down by 0.1: the gap is 0.3, 0.3 nearer than the radius.
-        let mut u = vec![0.0; 3 * 16];
-        (8..16).for_each(|p| u[3 * p + 2] = -0.1);
-        let rows = inputs(&touched, &u, [[0.0; 3]; 2]);
-        for (p, row) in rows[..16].iter().enumerate() {
-            let x = body.positions[p];
-            let up = match x[2] {
-                1.0 => -1.0,
-                1.4 => 1.0,
-                _ => 0.0,
-            };
-            // Points at x = 0 are held.
-            let near = if x[0] == 0.0 || up == 0.0 { 0.0 } else { 0.3 };
-            close(row, &[0.0, 0.0, 0.0, near, near, 0.0, 0.0, near * up]);
-        }
     }
 
     #[test]

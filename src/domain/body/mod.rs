@@ -1,7 +1,7 @@
-//! A body at points that deforms, touched by a rigid obstacle that moves as prescribed, and by others of its kind.
+//! A body at points that deforms, touched by a rigid obstacle that moves as prescribed.
 //!
 //! [`Body`] is the domain: world edges that come and go, and what its points are told of the obstacle. [`segments`] cuts it into segments,
-//! [`gap`] is the distance between its skin and the obstacle, [`parts`] that between its parts, and [`quality`] has the paper's mesh metrics (appendix C.2).
+//! [`gap`] is the distance between its skin and the obstacle, and [`quality`] has the paper's mesh metrics (appendix C.2).
 
 mod coarser;
 mod domain;
@@ -10,10 +10,8 @@ mod graph;
 mod host;
 mod inputs;
 mod part;
-pub mod parts;
 pub mod quality;
 mod segments;
-mod skins;
 mod start;
 
 pub use graph::{Body, MeshEdge, N_FEATURES, has_feature};

@@ -1,6 +1,5 @@
 //! A body at points, and the obstacle, as graph and segments want them: this rank's part of both.
 
-use crate::body::skins::Skins;
 use m4gn_base::{Error, Result};
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::elements::Elements;
@@ -25,8 +24,6 @@ pub struct BodyPart {
     pub triangles: Vec<[i32; 3]>,
     /// Own points, as numbers of the whole body.
     pub points: Vec<u32>,
-    /// What can touch one another, of a body of several parts; on all ranks.
-    pub skins: Option<Skins>,
 }
 
 impl BodyPart {
@@ -95,7 +92,6 @@ impl BodyPart {
             obstacle: obstacle.map_or(Vec::new(), |o| o.positions.clone()),
             triangles: obstacle.map_or(Vec::new(), |o| o.triangles.clone()),
             obstacle_edges: obstacle.map_or(Vec::new(), |o| edges(&o.triangles)),
-            skins: Skins::new(body, ranks),
             mesh,
             points,
         })

@@ -1,4 +1,4 @@
-//! Deforming plates and beams, and beams that touch each other: a case is a request that the Python package `tools/m4gn_solids` answers.
+//! Deforming plates and beams: a case is a request that the Python package `tools/m4gn_solids` answers.
 //!
 //! The package runs in an environment of its own, which `setup/solids.sh` makes outside the checkout. It draws the
 //! parameters (again, where a draw has no quasi-static path), meshes with gmsh, simulates with FElupe and records.
@@ -18,8 +18,6 @@ pub enum Family {
     DeformingPlate,
     /// Nearly incompressible neo-Hookean beams: wedges.
     DeformingBeam,
-    /// Two such beams, the first of which is pressed on the second.
-    StackedBeams,
 }
 
 impl Family {
@@ -28,7 +26,6 @@ impl Family {
         match self {
             Family::DeformingPlate => "deforming-plate",
             Family::DeformingBeam => "deforming-beam",
-            Family::StackedBeams => "stacked-beams",
         }
     }
 
@@ -36,7 +33,7 @@ impl Family {
     pub fn usual_points(self, large: bool) -> u32 {
         match (self, large) {
             (Family::DeformingPlate, _) => 1271,
-            (Family::DeformingBeam, false) | (Family::StackedBeams, _) => 1542,
+            (Family::DeformingBeam, false) => 1542,
             (Family::DeformingBeam, true) => 4540,
         }
     }
@@ -96,9 +93,6 @@ pub struct Figures {
     pub worst_gap: f64,
     /// The frame of it.
     pub worst_gap_frame: usize,
-    /// Smallest gap between two bodies in all frames, in cell sizes; none of one body.
-    #[serde(default)]
-    pub parts_gap: Option<f64>,
     /// Newton iterations of all frames.
     pub newton_iterations: u64,
     /// Processor time of the draw that was used, s.

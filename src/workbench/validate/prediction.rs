@@ -46,7 +46,7 @@ pub struct Prediction {
     pub fields: Vec<FieldErrors>,
     /// Mesh metrics of the rollout's steps; of a domain with elements.
     pub quality: Option<Vec<Quality>>,
-    /// Smallest gap to the obstacle and between parts at the rollout's steps, mean edges; empty where nothing may touch.
+    /// Smallest gap to the obstacle at the rollout's steps, mean edges; empty where nothing may touch.
     pub gap: Vec<f64>,
     /// Largest value of the headline field (of a vector: length) in the rollout over the largest recorded one; infinite
     /// where it became non-finite. Of models.

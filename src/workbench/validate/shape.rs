@@ -1,10 +1,8 @@
-//! What is measured of a domain with elements beside its fields: how its shape differs from the true one, and the gap of what
-//! may touch: to the obstacle, and between the body's parts.
+//! What is measured of a domain with elements beside its fields: how its shape differs from the true one, and the gap to the obstacle.
 
 use m4gn_base::Result;
 use m4gn_data::Trajectory;
 use m4gn_domain::body::gap::{Gap, Samples, cell_size};
-use m4gn_domain::body::parts::BetweenParts;
 use m4gn_domain::body::quality::{Comparison, Quality};
 use m4gn_mesh::NodeType;
 use m4gn_mesh::body::{Body, Obstacle};
@@ -16,8 +14,6 @@ pub struct Shape<'a> {
     body: &'a Body,
     obstacle: Option<&'a Obstacle>,
     samples: Samples,
-    /// Of several parts.
-    parts: Option<BetweenParts>,
     comparison: Comparison<'a>,
     /// Unit of gaps: mean length of the edges at rest, m.
     pub cell: f64,
@@ -33,7 +29,6 @@ impl<'a> Shape<'a> {
         Some(Shape {
             obstacle: trajectory.obstacle(),
             samples: Samples::new(&body.elements, |p| !is_free(&(p as usize))),
-            parts: BetweenParts::new(body),
             comparison: Comparison::new(&body.elements),
             cell: cell_size(&body.positions, &body.edges),
             free: (0..body.positions.len()).filter(is_free).collect(),
@@ -50,22 +45,16 @@ impl<'a> Shape<'a> {
         self.comparison.quality(&truth, &found)
     }
 
-    /// Smallest gap to the obstacle, or between parts that are near each other, at a displacement `[N x 3]` and one of the obstacle's
-    /// points, m; none without either.
+    /// Smallest gap to the obstacle at a displacement `[N x 3]` and one of the obstacle's points, m; none without one.
     ///
     /// # Errors
     /// As [`Surface::new`].
     pub fn gap(&self, found: &[f64], motion: &[Vector]) -> Result<Option<Gap>> {
-        if self.obstacle.is_none() && self.parts.is_none() {
+        let Some(obstacle) = self.obstacle else {
             return Ok(None);
-        }
+        };
         let places = moved(&self.body.positions, found.as_chunks().0);
-        let to_obstacle = self.obstacle.map(|obstacle| -> Result<Option<Gap>> {
-            let surface = Surface::new(&moved(&obstacle.positions, motion), &obstacle.triangles)?;
-            Ok(self.samples.worst(&places, &surface, self.cell))
-        });
-        let between = self.parts.as_ref().and_then(|parts| parts.gap(&places));
-        let gaps = to_obstacle.transpose()?.flatten().into_iter().chain(between);
-        Ok(gaps.min_by(|a, b| a.cells.total_cmp(&b.cells)))
+        let surface = Surface::new(&moved(&obstacle.positions, motion), &obstacle.triangles)?;
+        Ok(self.samples.worst(&places, &surface, self.cell))
     }
 }

@@ -5,10 +5,10 @@ import unittest
 import numpy as np
 
 from m4gn_solids import draws, elements
-from m4gn_solids.contact import BetweenParts, Contact
+from m4gn_solids.contact import Contact
 from m4gn_solids.equilibrium import March, Solid
 from m4gn_solids.fixture import MATERIAL, bar, sphere
-from m4gn_solids.meshing import Body, joined
+from m4gn_solids.meshing import Body
 from m4gn_solids.obstacles import Obstacle, RoundedBox, RoundedCylinder
 
 SHAPES = {
@@ -155,93 +155,7 @@ class Bodies(unittest.TestCase):
         self.assertEqual(len(elements.edges(body.cells, body.kind)), 24)
 
 
-def stack(gap, second_along=1.05):
-    """A bar above a second one that is held below; the second is longer and wider, so that no edges meet."""
-    first, second = bar(), bar()
-    for body in (first, second):
-        body.fixed[:] = False
-    second.points[:, [0, 2]] *= second_along
-    second.points[:, [0, 2]] -= 0.0004
-    second.points[:, 1] -= 0.01 + gap
-    second.fixed[:] = second.points[:, 1] < -0.0099 - gap
-    return joined(first, second)
-
-
-class Parts(unittest.TestCase):
-    def contact(self, body):
-        part = elements.parts(body.cells, len(body.points))
-        return BetweenParts(body, part, 3e4, 3e-4, 0.01)
-
-    def test_parts(self):
-        body = stack(1e-4)
-        np.testing.assert_array_equal(elements.parts(body.cells, 24), np.repeat([0, 1], 12))
-        self.assertEqual(elements.parts(bar().cells, 12).max(), 0)
-
-    def test_gaps_of_flat_faces(self):
-        for gap in (2e-3, 1e-4, -1e-4):
-            body = stack(gap)
-            with self.subTest(gap=gap):
-                self.assertAlmostEqual(self.contact(body).pair(body.points), gap, delta=1e-12)
-        body = stack(0.02)
-        self.assertEqual(self.contact(body).pair(body.points), np.inf)
-
-    def test_forces_balance(self):
-        body = stack(-1e-4)
-        contact = self.contact(body)
-        positions = body.points + np.random.default_rng(2).uniform(-2e-4, 2e-4, body.points.shape)
-        contact.pair(positions)
-        force, _ = contact.evaluate(positions)
-        largest = np.abs(force).max()
-        self.assertGreater(largest, 0.1)
-        self.assertLess(np.abs(force.sum(axis=0)).max(), 1e-12 * largest)
-        self.assertLess(np.abs(np.cross(positions, force).sum(axis=0)).max(), 1e-12 * largest)
-        # The residual is minus the force: the upper bar is pushed up.
-        self.assertLess(force[:12, 1].sum(), 0)
-
-    def test_derivative_by_differences(self):
-        body = stack(-1e-4)
-        contact = self.contact(body)
-        random = np.random.default_rng(1)
-        positions = body.points + random.uniform(-2e-4, 2e-4, body.points.shape)
-        contact.pair(positions)
-        step = 1e-8 * random.uniform(-1, 1, body.points.shape)
-        low, high = (contact.evaluate(p)[0].ravel() for p in (positions - step, positions + step))
-        row, column, value = contact.evaluate(positions)[1]
-        tangent = np.zeros((72, 72))
-        np.add.at(tangent, (row, column), value)
-        self.assertLess(np.abs(tangent - tangent.T).max(), 1e-12 * np.abs(tangent).max())
-        predicted = 2 * tangent @ step.ravel()
-        self.assertLess(np.abs(high - low - predicted).max(), 1e-5 * np.abs(predicted).max())
-
-    def test_a_push_goes_through_both_parts(self):
-        """The upper bar is held at one end too: both supports together bear the obstacle's push."""
-        body = stack(1e-4)
-        body.fixed[:12] = body.points[:12, 0] == 0
-        obstacle = sphere(3)
-        solid = of_rubber(body)
-        march = March(body, obstacle, solid, 1e6)
-        self.assertEqual(march.parts, 2)
-        *_, u = march.frames()
-        # Once more: after the last frame the pairs were found anew, for the gap.
-        u = march._newton(u, 3)
-        push, _ = march.contact.evaluate(body.points + u, 3)
-        between, _ = march.between.evaluate(body.points + u)
-        residual = solid.force() + push + between
-        upper, lower = (residual[body.fixed & (march.between.part == i)].sum(axis=0) for i in (0, 1))
-        limit = 1e-4 * np.abs(push).max()
-        np.testing.assert_allclose(upper + lower, push.sum(axis=0), atol=limit)
-        np.testing.assert_allclose(lower, between[12:].sum(axis=0), atol=limit)
-        self.assertGreater(abs(lower[1]), 0.1 * np.abs(push.sum(axis=0)).max())
-        self.assertLess(abs(march.parts_gap), 0.05 * march.size)
-        self.assertIsNotNone(march.parts_touch_frame)
-        self.assertLess(u[12:, 1].min(), -1e-5)
-
-
 class Draws(unittest.TestCase):
-    def test_stacked_beams_have_no_large_domain(self):
-        with self.assertRaises(ValueError):
-            draws.draw(draws.generator("stacked-beams", True, 7, 3, 0), "stacked-beams", True)
-
     def test_depend_on_seed_index_and_attempt_only(self):
         for family in draws.FAMILIES:
             one, other = (draws.draw(draws.generator(family, False, 7, i, 0), family, False) for i in (3, 4))

@@ -32,7 +32,6 @@ impl Body {
         let positions: Vec<Vector> =
             self.obstacle.iter().zip(&self.obstacle_nodes).map(|(x, &node)| at(*x, node as usize)).collect();
         let grid = Within::new(&positions, self.radius);
-        let parts = self.skins_at(displacement);
         let (mut near, mut edges) = (Vec::new(), Vec::new());
         for &p in &self.skin {
             let rest = self.rest[p as usize];
@@ -43,46 +42,8 @@ impl Body {
                 receiver: p as i32,
                 rest: sub(self.obstacle[q as usize], rest),
             }));
-            let Some((skins, nodes)) = &self.skins else {
-                continue;
-            };
-            let others = parts.iter().filter(|part| part.number != self.part[p as usize]);
-            for part in others {
-                near.clear();
-                part.grid.query(at(rest, p as usize), &mut near);
-                edges.extend(near.iter().map(|&q| {
-                    let q = part.points[q as usize];
-                    MeshEdge { sender: nodes[q], receiver: p as i32, rest: sub(skins.rest[q], rest) }
-                }));
-            }
         }
         edges
-    }
-
-    /// The skin of each part at a displacement of all local nodes; none of a body in one part.
-    fn skins_at(&self, displacement: &[f32]) -> Vec<PartGrid> {
-        let Some((skins, _)) = &self.skins else {
-            return Vec::new();
-        };
-        let places = self.skin_places(displacement);
-        let grid = |number: u32| {
-            let points: Vec<usize> = (0..places.len()).filter(|&q| skins.parts[q] == number).collect();
-            let own: Vec<Vector> = points.iter().map(|&q| places[q]).collect();
-            PartGrid { number, grid: Within::new(&own, self.radius), points }
-        };
-        (0..skins.triangles.len() as u32).map(grid).collect()
-    }
-
-    /// Positions of the points of all skins at a displacement of all local nodes, m.
-    pub(super) fn skin_places(&self, displacement: &[f32]) -> Vec<Vector> {
-        let Some((skins, nodes)) = &self.skins else {
-            return Vec::new();
-        };
-        let place = |(x, &node): (&Vector, &i32)| {
-            let u = &displacement[3 * node as usize..][..3];
-            std::array::from_fn(|i| x[i] + f64::from(u[i]))
-        };
-        skins.rest.iter().zip(nodes).map(place).collect()
     }
 
     /// The edges of a displacement of all local nodes, m.
@@ -112,13 +73,6 @@ impl Body {
             row.push(senders.len() as u32);
         }
     }
-}
-
-/// Points of the skin of one part, as places in [`Skins`](crate::body::skins::Skins), sorted for search.
-struct PartGrid {
-    number: u32,
-    points: Vec<usize>,
-    grid: Within,
 }
 
 /// Displacement of an edge's sender beside its receiver's, m.
@@ -247,33 +201,6 @@ mod tests {
         assert!(contact.set_edges(&comm, &mut u[3..], &mut structure).is_err());
         u[0] = f32::NAN;
         assert!(contact.set_edges(&comm, &mut u, &mut structure).unwrap_err().to_string().contains("node 0"));
-    }
-
-    /// Two cubes of one brick, 0.4 apart: each free corner of the one sees the corner of the other across the gap, both ways.
-    #[test]
-    fn parts_see_each_other() {
-        let body = sample::stack([1, 1, 1], [1.0; 3], 0.4);
-        let (contact, graph) = seen_within(0.6, &BodyPart::whole(&body, None).unwrap());
-        let world = |contact: &Body, u: &[f32]| -> Vec<(i32, i32)> {
-            let edges = contact.world_edges_at(u);
-            edges.iter().map(|e| (e.sender, e.receiver)).collect()
-        };
-        // Corners of the lower cube's top are 4 to 7, of the upper one's bottom 8 to 11; those at x = 0 are held, and send alone.
-        let mut u = vec![0.0; 3 * 16];
-        let both = [(9, 5), (11, 7), (5, 9), (7, 11)];
-        assert_eq!(world(&contact, &u), both);
-        let e = graph.row[6] as usize - 1;
-        assert_eq!((graph.senders[e], graph.receivers[e]), (9, 5));
-        let row = &graph.edge_features[N_FEATURES * e..][..N_FEATURES];
-        let mut expected = [0.0; N_FEATURES];
-        expected[8..].copy_from_slice(&[0.0, 0.0, 0.4, 0.4, 1.0]);
-        assert!(row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{row:?}");
-        assert_eq!(world(&contact.mirrored(), &u), both);
-        // Farther apart than the radius none is left, nearer by 0.2 than the diagonal of a face none is new.
-        (8..16).for_each(|p| u[3 * p + 2] = 0.25);
-        assert_eq!(world(&contact, &u), []);
-        (8..16).for_each(|p| u[3 * p + 2] = -0.2);
-        assert_eq!(world(&contact, &u), both);
     }
 
     #[test]
