@@ -148,13 +148,6 @@ template <class Type> bool provideRate(const fvMesh& mesh, const word& name, con
 
 Foam::word Foam::m4gnOwnFields::rateOf(const word& name) { return "ddt(" + name + ')'; }
 
-bool Foam::m4gnOwnFields::isKnown(const fvMesh& mesh, const word& name)
-{
-    const auto* object = mesh.findObject<regIOobject>(name);
-    const std::string note(object ? object->note() : string());
-    return note == sizeMark || note == stepMark || note == stepKept || note == viscosityMark;
-}
-
 void Foam::m4gnOwnFields::provide(const fvMesh& mesh, const word& name)
 {
     if (name == sizeName) {

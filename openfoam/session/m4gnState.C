@@ -155,21 +155,15 @@ void Foam::m4gnState::copy(const FieldType& field, double* nodes, double* bounda
     if (nodes_ && nodes_->atPoints() && placeOf(field) == M4GN_POINTS) {
         m4gnNodes::values found;
         nodes_->gather(field.name(), found);
-        if (boundary) {
-            std::copy(found.boundary.begin(), found.boundary.end(), boundary);
-        }
-        if (nodes && ofNodes(field)) {
+        std::copy(found.boundary.begin(), found.boundary.end(), boundary);
+        if (nodes) {
             std::copy_n(found.cells, n * nodes_->size(), nodes);
-            return;
         }
-    } else if (boundary) {
-        for (const label patchi : patches_) {
-            const auto& patch = field.boundaryField()[patchi];
-            boundary = std::copy_n(numbers(patch), n * sizeOf(patch), boundary);
-        }
+        return;
     }
-    if (nodes) {
-        std::copy_n(numbers(field.primitiveField()), n * field.primitiveField().size(), nodes);
+    for (const label patchi : patches_) {
+        const auto& patch = field.boundaryField()[patchi];
+        boundary = std::copy_n(numbers(patch), n * sizeOf(patch), boundary);
     }
 }
 
@@ -195,12 +189,9 @@ template <class FieldType> void Foam::m4gnState::describe(const FieldType& field
     const bool points = place == M4GN_POINTS;
     const label unknowns = m4gn::solidModel(mesh_).starts_with("vertexCentred") ? M4GN_POINTS : M4GN_CELLS;
     const bool evolves = whole_ && place == unknowns && (n == 1 || n == 3) && isRead(field) && isState(field);
-    const bool known = m4gnOwnFields::isKnown(mesh_, name);
 
     label role = M4GN_CARRIED;
-    if (known) {
-        role = M4GN_PRESCRIBED;
-    } else if (evolves) {
+    if (evolves) {
         role = follows(field, field.dimensions()) ? M4GN_FOLLOWS : M4GN_SOLVED;
     } else if (outputs_.found(name)) {
         // A fit is made of what the solver solves for
@@ -221,7 +212,7 @@ template <class FieldType> void Foam::m4gnState::describe(const FieldType& field
     array.floor = floor;
     array.solved = n == 1 ? 1 : directions;
     array.weights = whole_ && role == M4GN_SOLVED ? volumes_.cdata() : nullptr;
-    add(name, M4GN_BOUNDARY, known ? M4GN_PRESCRIBED : M4GN_CARRIED, n, faces).floor = floor;
+    add(name, M4GN_BOUNDARY, M4GN_CARRIED, n, faces).floor = floor;
 }
 
 Foam::m4gnState::m4gnState(
@@ -352,7 +343,7 @@ void Foam::m4gnState::put(const label before)
 {
     label arrayi = 0;
     each([&](auto& present) {
-        if (arrays_[arrayi].role != M4GN_PRESCRIBED && before <= present.nOldTimes()) {
+        if (before <= present.nOldTimes()) {
             auto& field = before == 0   ? present
                           : before == 1 ? present.oldTime()
                                         : present.oldTime().oldTime();
@@ -389,13 +380,7 @@ Foam::scalar Foam::m4gnState::size() const
 
 void Foam::m4gnState::ahead(const scalar later, double* const* arrays)
 {
-    label arrayi = 0;
-    each([&](auto& field) {
-        if (arrays_[arrayi].role == M4GN_PRESCRIBED) {
-            copy(field, arrays[arrayi], arrays[arrayi + 1]);
-        }
-        arrayi += 2;
-    });
+    label arrayi = 2 * fields_.size();
     if (prescribed_) {
         prescribed_->say(later);
         for (const scalarField& values : prescribed_->values()) {

@@ -83,9 +83,20 @@ TEST(rolesOfANetworksState)
     EXPECT(state.arrays()[find(state, "U", M4GN_CELLS)].role == M4GN_SOLVED);
     EXPECT(!state.arrays()[find(state, "U", M4GN_CELLS)].weights);
     EXPECT(state.arrays()[find(state, "T", M4GN_CELLS)].role == M4GN_CARRIED);
-    EXPECT(state.arrays()[find(state, "cellSize", M4GN_CELLS)].role == M4GN_PRESCRIBED);
-    EXPECT(state.arrays()[find(state, "cellSize", M4GN_BOUNDARY)].role == M4GN_PRESCRIBED);
+    EXPECT(state.arrays()[find(state, "cellSize", M4GN_CELLS)].role == M4GN_CARRIED);
     EXPECT(state.arrays()[find(state, "U", M4GN_BOUNDARY)].n == nodes.nBoundary());
+}
+
+// A step that the solver adjusts is nothing that drives the flow, and no error is measured by it
+TEST(theTimeStepIsNoInputOfAFit)
+{
+    fixture f;
+    const m4gnMeshAdapter nodes(*f.mesh, labelList(6, M4GN_WALL));
+    m4gnState state(*f.mesh, wordHashSet(), true, false, &nodes, {"U", "deltaT"}, {"U"});
+    const label deltaT = find(state, "deltaT", M4GN_CELLS);
+    EXPECT(state.arrays()[deltaT].role == M4GN_CARRIED);
+    f.run.time().setDeltaT(0.25, false);
+    EXPECT_NEAR(state.gather()[deltaT][1], 0.25, 0);
 }
 
 TEST(facesThatHoldTheirValues)
