@@ -194,6 +194,9 @@ void Foam::functionObjects::m4gnSurrogate::resume()
     getProperty(writesFrom, from);
     m4gn::readSchemeFields(mesh_);
     load();
+    // Before the ride is told when the next state is wanted
+    jump_->carryOnWriting(from);
+    setProperty(writesFrom, jump_->writesFrom());
     const std::string conditions(conditions_->now(state_->fields()));
 
     // The surrogate goes on from what it has predicted
@@ -213,13 +216,10 @@ void Foam::functionObjects::m4gnSurrogate::resume()
         // What the solver's models have made anew at their start is that of the jump again
         run_->putPresent();
     }
-    if (!loaded) {
-        return;
+    if (loaded) {
+        follow(answer);
+        jump();
     }
-    jump_->carryOnWriting(from);
-    setProperty(writesFrom, jump_->writesFrom());
-    follow(answer);
-    jump();
     jump_->beforeFirstStep();
 }
 
