@@ -174,10 +174,14 @@ fn named<'a>(arrays: &'a Arrays, names: &[&'static str], path: &Path) -> Result<
 /// Time between frames, s: what the arrays say, else `dt`. That of a quasi-static data set is 0.
 pub(super) fn interval(arrays: &Arrays, dt: Option<f64>, path: &Path) -> Result<f64> {
     let positive = |dt: &f64| dt.is_finite() && *dt > 0.0;
-    if let Some([first, second, ..]) = arrays.get("times").map(|times| &times.data[..]) {
-        let step = second - first;
-        let off = |&(i, t): &(usize, &f64)| (t - first - i as f64 * step).abs() > 1e-3 * step;
-        if let Some((i, t)) = arrays["times"].data.iter().enumerate().find(off) {
+    if let Some(Array { data: times, .. }) = arrays.get("times")
+        && let [first, .., last] = times[..]
+    {
+        let step = (last - first) / (times.len() - 1) as f64;
+        // Archives have them in single precision, and late ones have few digits behind the point.
+        let slack = 1e-3 * step + 2.0 * f64::from(f32::EPSILON) * last.abs();
+        let off = |&(i, t): &(usize, &f64)| (t - first - i as f64 * step).abs() > slack;
+        if let Some((i, t)) = times.iter().enumerate().find(off) {
             return Err(Error::file(path, format!("times: value {i} is {t} s: expected equal distances")));
         }
     }

@@ -300,6 +300,21 @@ fn arrays_that_make_no_trajectory_are_named() {
     refused(&arrays, "no array has a row for each of the 5 points");
 }
 
+/// 10 s, 10.02 s, ... as an archive has them.
+#[test]
+fn times_that_begin_late_are_equally_spaced() {
+    let data: Vec<f64> = (0..200).map(|i| f64::from((10.0 + 0.02 * f64::from(i)) as f32)).collect();
+    let interval = |data: &[f64]| {
+        let times = Array { shape: vec![data.len()], data: data.to_vec() };
+        super::points::interval(&Arrays::from([("times".into(), times)]), Some(0.02), Path::new("a"))
+    };
+    assert_eq!(interval(&data).unwrap(), 0.02);
+    let mut other = data;
+    other[50] += 0.001;
+    let message = interval(&other).unwrap_err().to_string();
+    assert!(message.contains("times: value 50 is 11.001"), "{message}");
+}
+
 /// With another number in one of them.
 fn with(mut arrays: Arrays, name: &str, at: usize, value: f64) -> Arrays {
     arrays.get_mut(name).unwrap().data[at] = value;
