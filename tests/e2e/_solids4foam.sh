@@ -2,10 +2,11 @@
 # A beam in solids4foam, by any of its solid models. Sourced.
 # solids4foam is no part of this project: setup/solids4foam.sh puts it into the cache, and
 #   SOLIDS4FOAM_INST_DIR   names another folder that holds solids4Foam and libsolids4FoamModels.so, in it or in its bin/ and lib/
-# Laws of solids4foam and modes at points need lib/libm4gnSolids4Foam.so, which the same script makes; law is 'yes' where it is.
+# Laws of solids4foam and modes at points need lib/libm4gnSolids4Foam.so, which the same script makes.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 needs_solids4foam
+[ -f "$M4GN_HOME/lib/libm4gnSolids4Foam.so" ] || skip "there is no lib/libm4gnSolids4Foam.so (setup/solids4foam.sh makes it)"
 
 # A beam of 0.2 x 0.04 x 0.02 m, clamped at its left, loaded at its tip at time 0. One period is some 0.2 s.
 mkdir -p case/0 case/constant case/system/dualMesh && cd case
@@ -78,12 +79,10 @@ export ORACLE_STRIDE=0.005 ORACLE_FRAMES=5
 replace='mode replace; model any; timeStart 0.02; solverSteps 10; surrogateSteps 2; relaxation none;'
 : > any
 
-# solve: on one rank, or on $ranks
-solve() {
-    if [ "$ranks" -eq 1 ]; then runs solids4Foam; return; fi
-    runs decomposePar -force
-    runs mpirun -np "$ranks" solids4Foam -parallel < /dev/null
-}
+# ahead END: until then time steps are solved by m4gnAnderson, beside what else there is: the solver's own answer with a quarter of the correctors
+ahead() { echo "ahead { type m4gnAnderson; libs (m4gnFoam); compare no; timeEnd $1; }" >> system/functions; }
+# gathered TIMES: D and sigma of a run on several ranks; at points there is one rank
+gathered() { [ "$ranks" -eq 1 ] || runs reconstructPar -fields '(D sigma)' -time "$1"; }
 # forces TIME FILE: what the clamp takes, as solids4foam's own function object has it
 forces() { awk -v time="$1" '$1 + 0 == time { print $2, $3, $4 }' "$2"; }
 # correctors FROM: of five time steps
@@ -94,6 +93,4 @@ correctors() {
 energy() { awk -v time="$1" '$1 + 0 == time { print $2 }' "$2/postProcessing/0/"*solidKineticEnergy*; }
 watch='energy { type solidKineticEnergy; libs (solids4FoamModels); }
 forces { type solidForces; libs (solids4FoamModels); historyPatch clamp; }'
-law=no
-if [ -f "$M4GN_HOME/lib/libm4gnSolids4Foam.so" ]; then law=yes; fi
 tolerances='solutionTolerance 1e-9; alternativeTolerance 1e-9; materialTolerance 1e-9;'

@@ -4,7 +4,7 @@
 # shellcheck source=tests/e2e/_solids4foam.sh
 . "$(dirname "${BASH_SOURCE[0]}")/_solids4foam.sh"
 
-sed -i 's/^endTime .*/endTime 0.6;/; s/^deltaT .*/deltaT 0.002;/; s/^writeInterval .*/writeInterval 50;/' system/controlDict
+control endTime 0.6 deltaT 0.002 writeInterval 50
 block '0.2 0.04 0.02' '10 2 1' 'clamp { type patch; faces (LEFT); } tip { type patch; faces (RIGHT); }
     sides { type patch; faces (BOTTOM TOP BACK FRONT); }'
 tolerances='solutionTolerance 1e-6; alternativeTolerance 1e-6; materialTolerance 1e-6;'
@@ -14,18 +14,14 @@ while read -r ranks name material traction scheme field; do
     model "$name" "$material" "$traction" "${scheme//_/ }"
     clean_case
     : > system/functions
+    ahead 1
     solve
-    if [ "$ranks" -gt 1 ]; then runs reconstructPar -time '0.5,0.6'; fi
-    rm -rf ../full && mkdir ../full && mv 0.* ../full
-    clean_case
-    function_object m4gnSurrogate "$dmd"
-    solve
+    gathered 0.5,0.6
+    keep full 0.5 0.6
+    ride "$dmd"
     replaces 0.15 "$what"
-    if [ "$ranks" -gt 1 ]; then runs reconstructPar -time '0.5,0.6'; fi
-    hold=$(difference ../full/0.6/"$field" ../full/0.5/"$field")
-    for name in "$field" sigma; do
-        below "$(difference ../full/0.6/"$name" 0.6/"$name")" "$(awk "BEGIN { print 0.05*$hold }")" "$what: $name at the end"
-    done
+    gathered 0.6
+    close_to ../full "$(calc "0.05*$(difference ../full/{0.6,0.5}/"$field")")" 0.6/{"$field",sigma}
 done <<'EOD'
 1 linearGeometryTotalDisplacement linearElastic 200 Euler D
 1 linearGeometry linearElastic 200 Euler D
