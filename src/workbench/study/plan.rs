@@ -138,6 +138,10 @@ impl Plan {
         if !budget {
             return Err("expected steps = N or minutes = T, one of them, above 0".into());
         }
+        // Those of a session, with which a training that took hours could not be validated.
+        if !(1..=1024).contains(&self.threads) {
+            return Err(format!("threads = {}: expected 1 to 1024", self.threads));
+        }
         if self.seeds.is_empty() || self.seeds.iter().collect::<HashSet<_>>().len() < self.seeds.len() {
             return Err(format!("seeds {:?}: expected one seed or several, none twice", self.seeds));
         }
@@ -238,12 +242,11 @@ impl Plan {
             if let Some(steps) = self.steps {
                 let steps = i64::try_from(steps).unwrap_or(i64::MAX);
                 training.insert("steps".into(), steps.into());
+                training.remove("max_minutes");
                 let start =
                     training.get("decay_start").and_then(Value::as_integer).unwrap_or(0).min(steps - 1);
-                if training.contains_key("decay_steps") {
-                    training.insert("decay_start".into(), start.into());
-                    training.insert("decay_steps".into(), steps.saturating_sub(start).into());
-                }
+                training.insert("decay_start".into(), start.into());
+                training.insert("decay_steps".into(), steps.saturating_sub(start).into());
             }
         }
         Ok(config.to_string())
@@ -285,7 +288,8 @@ data = ["flow"]
     #[test]
     fn networks_are_their_base_but_for_what_they_set() {
         let dir = tempfile::tempdir().unwrap();
-        let config = "[model]\nstride = 0.1\nwidth = 64\n[training]\nsteps = 9\ndecay_start = 0\ndecay_steps = 9\nbatch_size = 1\n";
+        let config =
+            "[model]\nstride = 0.1\nwidth = 64\n[training]\nsteps = 9\nmax_minutes = 5.0\nbatch_size = 1\n";
         std::fs::write(dir.path().join("c.toml"), config).unwrap();
         std::fs::write(dir.path().join("s.toml"), STUDY).unwrap();
         let plan = Plan::read(&dir.path().join("s.toml")).unwrap();
@@ -334,6 +338,7 @@ data = ["flow"]
             ("steps = 100", "", "steps = N or minutes = T"),
             ("steps = 100", "steps = 100\nminutes = 3.0", "one of them"),
             ("[1, 2]", "[1, 1]", "none twice"),
+            ("steps = 100", "steps = 100\nthreads = 0", "threads = 0: expected 1 to 1024"),
             ("\"beam\"", "\"flow\"", "each with its own name"),
             ("\"beam\"", "\"../beam\"", "names a folder"),
             ("base = \"M4GN\"", "base = \"M5GN\"", "no network before it"),
