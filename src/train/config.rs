@@ -186,6 +186,7 @@ impl Config {
             ("restarts", t.restarts.len() as u64, 0, MAX_UNROLL),
             ("steps", t.steps, 1, u64::MAX),
             ("validation_interval", t.validation_interval, 1, u64::MAX),
+            ("validation_rollouts", t.validation_rollouts as u64, 1, u64::MAX),
             ("checkpoint_interval", t.checkpoint_interval, 1, u64::MAX),
             ("log_interval", t.log_interval, 1, u64::MAX),
             ("normaliser_steps", t.normaliser_steps, 1, u64::MAX),

@@ -109,6 +109,7 @@ fn each_wrong_value_is_named() {
         ("[training]", "[training]\nnoise_spread = 0.5", "training.noise_spread"),
         ("[training]", "[training]\nnoise_correction = 1.5", "training.noise_correction"),
         (" steps = 10\n", " steps = 0\n", "training.steps"),
+        ("[training]", "[training]\nvalidation_rollouts = 0", "training.validation_rollouts"),
         (
             "[training]",
             "[macro]\nlayers = 1\nheads = 3\nffn_width = 8\nrwse_steps = 0\ncentroids = false\noffsets = false\n[training]",

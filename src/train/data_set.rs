@@ -185,8 +185,7 @@ pub(super) fn load(
     let learns = config.training.steps > 0;
     if learns && valid.is_empty() {
         report.line("note: no trajectory of split `valid`: the best weights are chosen by errors on training trajectories");
-        let count = config.training.validation_rollouts.max(1);
-        valid = train.iter().take(count).cloned().collect();
+        valid = train.iter().take(config.training.validation_rollouts).cloned().collect();
     }
     let extents: Vec<Extent> = train.iter().filter_map(|sample| sample.extent.clone()).collect();
     spec.trained_on = TrainedOn::over(&extents, spec.stride);

@@ -61,8 +61,8 @@ impl Trainer<'_> {
             .best
             .ok_or_else(|| {
                 Error::Numerical(
-                    "no rollout of a validation stayed finite, so that no model was written: train longer, lower \
-                     learning_rate, or set gradient_clip"
+                    "there was no validation whose rollouts stayed finite, so that no model was written: train longer, \
+                     lower learning_rate, or set gradient_clip"
                         .into(),
                 )
             })?;
