@@ -111,10 +111,11 @@ pub struct Row {
 }
 
 impl Row {
-    /// A line of the log, of so many predicted fields and columns; none where it is not one.
-    fn parse(line: &str, fields: usize, columns: usize) -> Option<Row> {
+    /// A line of the log, of so many predicted fields; none where it is not one.
+    fn parse(line: &str, fields: usize) -> Option<Row> {
         let cells: Vec<&str> = line.split(',').collect();
-        let (numbers, validations) = cells.split_at_checked(6 + fields).filter(|_| cells.len() == columns)?;
+        let whole = cells.len() == 6 + fields + ERRORS.len() * fields;
+        let (numbers, validations) = cells.split_at_checked(6 + fields).filter(|_| whole)?;
         let number = |i: usize| numbers[i].parse::<f64>().ok();
         let validated = !validations.iter().all(|v| v.is_empty());
         let mut validations = match validated {
@@ -148,7 +149,7 @@ impl Journal {
     pub fn open(path: &Path, fields: &[String], step: u64) -> Result<Self> {
         let fail = |e: std::io::Error| Error::file(path, format!("cannot write the training log: {e}"));
         let named = |kind: &'static str| fields.iter().map(move |f| format!("{kind}_{f}"));
-        // The columns of the first field came before there were those of the others.
+        // The first field's, by which the best weights are chosen, are without its name.
         let of_field = |i: usize| {
             let field = if i == 0 { String::new() } else { format!("_{}", fields[i]) };
             ERRORS.map(|name| format!("{name}{field}"))
@@ -161,13 +162,15 @@ impl Journal {
             .chain((0..fields.len()).flat_map(of_field))
             .collect();
         let mut text = names.join(",") + "\n";
-        let old = if step > 0 { files::read_text(path).unwrap_or_default() } else { String::new() };
-        let mut lines = old.lines();
-        let columns = lines.next().map_or(0, |head| head.split(',').count());
+        let old = match step > 0 && path.exists() {
+            true => files::read_text(path)
+                .map_err(|e| Error::file(path, format!("the training log cannot be read: {e}")))?,
+            false => String::new(),
+        };
         let mut rows = Vec::new();
-        for line in lines {
-            if let Some(row) = Row::parse(line, fields.len(), columns).filter(|row| row.step <= step) {
-                text += &format!("{line}{}\n", ",".repeat(names.len().saturating_sub(columns)));
+        for line in old.lines().skip(1) {
+            if let Some(row) = Row::parse(line, fields.len()).filter(|row| row.step <= step) {
+                text += &format!("{line}\n");
                 rows.push(row);
             }
         }
@@ -294,13 +297,10 @@ mod tests {
         assert_eq!(Journal::open(&path, &fields, 9).unwrap().rows(), &rows[..2]);
         let left = std::fs::read_to_string(&path).unwrap();
         assert!(left.ends_with('\n') && left.lines().count() == 3, "{left}");
-        // A log from before there were columns of all fields.
-        let first: Vec<String> =
-            left.lines().map(|l| l.split(',').take(14).collect::<Vec<_>>().join(",")).collect();
-        std::fs::write(&path, first.join("\n")).unwrap();
-        let old = Journal::open(&path, &fields, 9).unwrap();
-        assert_eq!(old.rows()[1], Row { others: Vec::new(), ..rows[1].clone() });
-        let text = std::fs::read_to_string(&path).unwrap();
-        assert!(text.lines().all(|l| l.split(',').count() == 20), "{text}");
+        // One that cannot be read is not replaced.
+        std::fs::write(&path, b"step\xff").unwrap();
+        let refused = Journal::open(&path, &fields, 9).err().unwrap().to_string();
+        assert!(refused.contains("log.csv: the training log cannot be read"), "{refused}");
+        assert_eq!(std::fs::read(&path).unwrap(), b"step\xff");
     }
 }
