@@ -14,8 +14,6 @@ pub enum BestOf {
     /// The short rollouts and the whole ones.
     #[default]
     Rollouts,
-    /// Single strides and the short rollouts: where phases are lost over a whole rollout, its error is an accident.
-    Strides,
     /// Nothing: the last weights are taken. Where the learning rate ends at almost nothing and few trajectories are there to
     /// validate on, their differences are accidents.
     Last,

@@ -62,23 +62,18 @@ impl Validation {
         self.told(|_, held, whose| format!("{} {whose}", number(held, 4)))
     }
 
-    /// What is compared to find the best weights: the geometric mean of two of the errors relative to persistence. With
-    /// [`BestOf::Last`] the same as with [`BestOf::Rollouts`], and for advice alone.
-    /// Infinite where a rollout left the finite numbers.
-    pub fn score(&self, best_of: BestOf) -> f64 {
+    /// What is compared to find the best weights, and for advice: the geometric mean of the errors of rollouts relative to holding the
+    /// first frame. Infinite where a rollout left the finite numbers.
+    pub fn score(&self) -> f64 {
         let ratio = |[model, held]: [f64; 2]| {
             if model.is_finite() { model / held.max(1e-30) } else { f64::INFINITY }
         };
-        let other = match best_of {
-            BestOf::Rollouts | BestOf::Last => self.rmse_all,
-            BestOf::Strides => self.rmse_1,
-        };
-        (ratio(self.rmse_horizon) * ratio(other)).sqrt()
+        (ratio(self.rmse_horizon) * ratio(self.rmse_all)).sqrt()
     }
 
     /// Whether weights with these errors take the place of earlier ones.
     pub fn replaces(&self, earlier: Option<&Validation>, best_of: BestOf) -> bool {
-        let better = |earlier: &Validation| self.score(best_of) < earlier.score(best_of);
+        let better = |earlier: &Validation| self.score() < earlier.score();
         self.is_finite() && (best_of == BestOf::Last || earlier.is_none_or(better))
     }
 }
@@ -258,27 +253,20 @@ mod tests {
     }
 
     #[test]
-    fn the_best_weights_are_those_of_the_rollouts_or_of_the_strides() {
+    fn the_best_weights_are_those_of_the_rollouts_or_the_last_ones() {
         let validation = |rmse_1, rmse_all| Validation {
             rmse_1: [rmse_1, 1.0],
             rmse_horizon: [0.5, 2.0],
             rmse_all: [rmse_all, 1.0],
         };
-        let (rollouts, strides) = (validation(0.16, 0.36), validation(0.04, 1.0));
-        // sqrt(0.25 * 0.36) and sqrt(0.25 * 0.04)
-        assert!((rollouts.score(BestOf::Rollouts) - 0.3).abs() < 1e-12);
-        assert!((strides.score(BestOf::Strides) - 0.1).abs() < 1e-12);
-        assert!(rollouts.score(BestOf::Rollouts) < strides.score(BestOf::Rollouts));
-        assert!(strides.score(BestOf::Strides) < rollouts.score(BestOf::Strides));
-        assert!(rollouts.replaces(Some(&strides), BestOf::Rollouts));
-        assert!(!rollouts.replaces(Some(&strides), BestOf::Strides));
+        let (good, bad) = (validation(0.16, 0.36), validation(0.04, 1.0));
+        // sqrt(0.25 * 0.36)
+        assert!((good.score() - 0.3).abs() < 1e-12);
+        assert!(good.replaces(Some(&bad), BestOf::Rollouts) && !bad.replaces(Some(&good), BestOf::Rollouts));
         // The last ones, whatever they are, unless they are none
-        assert!(
-            rollouts.replaces(Some(&strides), BestOf::Last)
-                && strides.replaces(Some(&rollouts), BestOf::Last)
-        );
-        let diverged = Validation { rmse_1: [f64::NAN, 1.0], ..rollouts };
-        assert!(!diverged.replaces(Some(&strides), BestOf::Last) && !diverged.replaces(None, BestOf::Last));
+        assert!(good.replaces(Some(&bad), BestOf::Last) && bad.replaces(Some(&good), BestOf::Last));
+        let diverged = Validation { rmse_1: [f64::NAN, 1.0], ..good };
+        assert!(!diverged.replaces(Some(&bad), BestOf::Last) && !diverged.replaces(None, BestOf::Last));
     }
 
     #[test]
