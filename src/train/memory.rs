@@ -47,10 +47,14 @@ fn free() -> Option<u64> {
     Some(left.fold(machine, u64::min))
 }
 
-/// What is left of the limit of a control group; none without a limit.
+/// What is left of the limit of a control group; none without a limit. Files that were read and are kept in memory for the next reader
+/// count as used there, and make room.
 fn left_in(folder: &Path) -> Option<u64> {
-    let number = |name: &str| read(&folder.join(name))?.trim().parse::<u64>().ok();
-    Some(number("memory.max")?.saturating_sub(number("memory.current")?))
+    let number = |text: &str| text.trim().parse::<u64>().ok();
+    let of = |name: &str| number(&read(&folder.join(name))?);
+    let cached = |text: String| text.lines().find_map(|line| number(line.strip_prefix("inactive_file ")?));
+    let cached = read(&folder.join("memory.stat")).and_then(cached).unwrap_or(0);
+    Some(of("memory.max")?.saturating_sub(of("memory.current")?.saturating_sub(cached)))
 }
 
 /// Ranks on this machine, as the launchers of OpenMPI and MPICH tell; all of them where none does.
@@ -85,6 +89,19 @@ mod tests {
             let message = for_frames(Some(bad), &comm).unwrap_err().to_string();
             assert!(message.contains("--memory: found"), "{message}");
         }
+    }
+
+    #[test]
+    fn files_that_were_read_take_nothing_of_a_limit() {
+        let group = tempfile::tempdir().unwrap();
+        let put = |name: &str, text: &str| std::fs::write(group.path().join(name), text).unwrap();
+        put("memory.max", "max\n");
+        put("memory.current", "900\n");
+        assert_eq!(left_in(group.path()), None);
+        put("memory.max", "1000\n");
+        assert_eq!(left_in(group.path()), Some(100));
+        put("memory.stat", "anon 600\nactive_file 50\ninactive_file 250\n");
+        assert_eq!(left_in(group.path()), Some(350));
     }
 
     #[test]
