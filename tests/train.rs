@@ -120,7 +120,7 @@ fn config_of(kind: &str, depth: &str) -> String {
 }
 
 #[test]
-fn every_kind_learns_one_trajectory_by_heart() {
+fn every_kind_learns_one_trajectory_by_heart_and_is_validated() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("data");
     std::fs::create_dir(&data).unwrap();
@@ -142,13 +142,24 @@ fn every_kind_learns_one_trajectory_by_heart() {
             .replace("[6, 2]", "[9999, 2]")
             .replace("normaliser_steps", "validation_interval = 1000\n        normaliser_steps");
         std::fs::write(folder.path().join("config.toml"), config).unwrap();
-        trained(folder.path(), kind, &["--steps", "1000", "--threads", "1", "--json", "f.json"]);
+        let name = format!("{kind}.safetensors");
+        trained(folder.path(), &name, &["--steps", "1000", "--threads", "1", "--json", "f.json"]);
         let text = std::fs::read_to_string(folder.path().join("f.json")).unwrap();
         let figures: serde_json::Value = serde_json::from_str(&text).unwrap();
         let rmse = |who: &str| figures[who]["rmse_1"].as_f64().unwrap();
         let left = rmse("model") / rmse("persistence");
         println!("{kind}: {left:.4} of persistence");
         assert!(left < 0.05, "{kind}: {text}");
+        let said = m4gn(folder.path(), &["info", &name]);
+        let network = said.lines().find(|l| l.starts_with("architecture ")).unwrap();
+        assert!(network.contains(&format!("kind {kind}, ")) && network.contains("width 32"), "{said}");
+        let layers = match depth {
+            "" => "layers_after 1, layers_before 1, segment_transformer (".to_string(),
+            _ => format!("{depth} 2"),
+        };
+        assert!(network.contains(&layers) && said.contains("\nsegments") == depth.is_empty(), "{said}");
+        m4gn(folder.path(), &["validate", "--model", &name, "--data", "data", "--json", "v.json"]);
+        assert!(std::fs::read_to_string(folder.path().join("v.json")).unwrap().contains("rmse"));
     }
 }
 
@@ -221,30 +232,6 @@ fn a_training_has_its_files_for_itself() {
         .unwrap()
         .map(|e| e.unwrap().file_name().to_string_lossy().into_owned());
     assert!(left.collect::<Vec<_>>().iter().all(|name| !name.contains("lock")));
-}
-
-#[test]
-fn every_kind_is_trained_saved_and_validated() {
-    let folder = folder();
-    for (kind, depth, layers) in [
-        ("gcn", "layers", "layers 2"),
-        ("mesh-graph-net", "layers", "layers 2"),
-        ("bsms-gnn", "levels", "levels 2"),
-        ("g-u-net", "levels", "levels 2"),
-        ("eagle", "", "layers_after 1, layers_before 1, segment_transformer ("),
-    ] {
-        std::fs::write(folder.path().join("config.toml"), config_of(kind, depth)).unwrap();
-        let name = format!("{kind}.safetensors");
-        trained(folder.path(), &name, &["--steps", "12"]);
-        let said = m4gn(folder.path(), &["info", &name]);
-        let network = said.lines().find(|l| l.starts_with("architecture ")).unwrap();
-        assert!(network.contains(&format!("kind {kind}, ")) && network.contains("width 16"), "{said}");
-        assert!(network.contains(layers) && said.contains("\nsegments") == depth.is_empty(), "{said}");
-        let figures = folder.path().join("figures.json");
-        let _ = std::fs::remove_file(&figures);
-        m4gn(folder.path(), &["validate", "--model", &name, "--data", "data", "--json", "figures.json"]);
-        assert!(std::fs::read_to_string(figures).unwrap().contains("rmse"));
-    }
 }
 
 #[test]
