@@ -51,21 +51,15 @@ fn survey(folder: &Path, config: &Config, from: Option<&Model>, report: &Report)
             _ => {}
         }
     }
-    // A run that was killed may leave one frame; where there are no others, that is what is said
-    let single = |trajectory: &Trajectory| trajectory.times().len() < 2;
-    let mut left_out: Vec<String> = train.iter().chain(&valid).filter(|t| single(t)).map(described).collect();
-    if !train.iter().all(single) {
-        train.retain(|t| !single(t));
-    }
-    valid.retain(|t| !single(t));
-    let Some(first) = train.first() else {
+    // A run that was killed may leave few frames, or one.
+    let Some(longest) = train.iter().rev().max_by_key(|t| t.times().len()) else {
         return Err(Error::file(
             folder,
             "no complete trajectory of split `train`: make some with `m4gn generate`",
         ));
     };
-    let mut spec = describe(draft, first)?;
-    let frames = frames_a_step(first.times(), spec.stride, first.path())?;
+    let mut spec = describe(draft, longest)?;
+    let frames = frames_a_step(longest.times(), spec.stride, longest.path())?;
     let needed = 1 + frames * config.training.longest_unroll();
     // As the last stretch of a hybrid run may be.
     let short = |trajectory: &Trajectory| trajectory.times().len() < needed;
@@ -106,10 +100,7 @@ fn survey(folder: &Path, config: &Config, from: Option<&Model>, report: &Report)
     // Now, not when a model is exported, hours later.
     spec.check()?;
     check_memory(&spec)?;
-    for trajectory in train.iter().chain(&valid) {
-        check(trajectory, &spec, frames)?;
-    }
-    left_out.extend(train.iter().chain(&valid).filter(|t| short(t)).map(described));
+    let left_out: Vec<String> = train.iter().chain(&valid).filter(|t| short(t)).map(described).collect();
     train.retain(|t| !short(t));
     valid.retain(|t| !short(t));
     valid.truncate(config.training.validation_rollouts);
@@ -123,6 +114,9 @@ fn survey(folder: &Path, config: &Config, from: Option<&Model>, report: &Report)
             return Err(Error::file(folder, format!("no trajectory to learn from but {note}")));
         }
         report.line(&format!("note: trajectories left out: {note}"));
+    }
+    for trajectory in train.iter().chain(&valid) {
+        check(trajectory, &spec, frames)?;
     }
     valid.iter().try_for_each(|trajectory| check_types(trajectory, &spec))?;
     Ok(Survey { spec, frames_a_step: frames, train, valid })
@@ -274,14 +268,14 @@ fn check_kind(trajectory: &Trajectory, draft: &ModelSpec) -> Result<()> {
     checked.map_err(|[_, data]| Error::file(trajectory.path(), data.asks_of_configuration()))
 }
 
-/// Whether a trajectory has the fields, the directions and the frame interval that the first one promised.
+/// Whether a trajectory has the fields, the directions and the frame interval of the longest one.
 fn check(trajectory: &Trajectory, spec: &ModelSpec, frames: usize) -> Result<()> {
     let (path, times) = (trajectory.path(), trajectory.times());
     let dim = trajectory.mesh().dim();
     if dim != spec.dim {
         return Err(Error::file(
             path,
-            format!("{dim} solved directions, the first trajectory has {}", spec.dim),
+            format!("{dim} solved directions, the longest trajectory has {}", spec.dim),
         ));
     }
     for field in &spec.fields {
@@ -289,12 +283,12 @@ fn check(trajectory: &Trajectory, spec: &ModelSpec, frames: usize) -> Result<()>
         if (found.vector, found.dimensions) != (field.vector, field.dimensions) {
             return Err(Error::file(
                 path,
-                format!("no field `{}` of the kind in the first trajectory", field.name),
+                format!("no field `{}` of the kind in the longest trajectory", field.name),
             ));
         }
     }
     if frames_a_step(times, spec.stride, path)? != frames {
-        return Err(Error::file(path, "its frame interval differs from the first trajectory's"));
+        return Err(Error::file(path, "its frame interval differs from the longest trajectory's"));
     }
     Ok(())
 }

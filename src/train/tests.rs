@@ -171,6 +171,23 @@ fn trajectories_that_are_too_short_are_left_out() {
     sample::write_trajectory(&single, 7, m4gn_data::Split::Train, 1).unwrap();
     assert_eq!(count("single"), before);
     std::fs::remove_file(single).unwrap();
+    // One that was ended between the times of its frames
+    let odd = folder.path().join("data/0-odd.h5");
+    let whole = m4gn_data::Trajectory::open(folder.path().join("data/000.h5")).unwrap();
+    let options = m4gn_data::WriteOptions {
+        fields: whole.fields().to_vec(),
+        provenance: whole.provenance().clone(),
+        split: whole.split(),
+        overwrite: false,
+    };
+    let mut writer = m4gn_data::Writer::create(&odd, whole.mesh(), &options).unwrap();
+    for (i, time) in [0.0, 0.01, 0.013].into_iter().enumerate() {
+        let frames: Vec<_> = whole.fields().iter().map(|f| whole.read_frame(&f.name, i).unwrap()).collect();
+        writer.append(time, &frames).unwrap();
+    }
+    writer.finish().unwrap();
+    assert_eq!(count("odd"), before);
+    std::fs::remove_file(odd).unwrap();
     let r = request(folder.path(), "none", "", 4);
     edit(&r.config, "[6, 2]", "[6, 40]");
     let message = run(&r).unwrap_err().to_string();
