@@ -25,13 +25,14 @@ bool atTimes(const timeControl& control)
 }
 
 //- Execute and write the function object at a state of a jump. One whose
-//  control counts times by deltaT is given the solver's, so that times up to
-//  half a stride ahead are not taken for done, and so is one that tells of the
-//  solver's step; one that sees each n-th step has 1/n of the time since the
-//  state before.
+//  control counts times by deltaT is given no more than the solver's, so that
+//  times up to half a stride ahead are not taken for done; one that tells of
+//  the solver's step is given that; one that sees each n-th step has 1/n of the
+//  time since the state before.
 void runAt(functionObject& object, Time& time, const scalar deltaT)
 {
     const scalar stride = time.deltaTValue();
+    const scalar step = min(deltaT, stride);
     const auto* controls = isA<functionObjects::timeControl>(object);
 
     scalar seen = stride;
@@ -39,12 +40,12 @@ void runAt(functionObject& object, Time& time, const scalar deltaT)
         seen = deltaT;
     } else if (controls && controls->executeControl().control() == timeControl::ocTimeStep) {
         const scalar each = max(scalar(1), controls->executeControl().interval());
-        seen = max(seen / each, min(seen, deltaT));
+        seen = max(seen / each, step);
     }
 
-    time.setDeltaT(controls && atTimes(controls->executeControl()) ? deltaT : seen, false);
+    time.setDeltaT(controls && atTimes(controls->executeControl()) ? step : seen, false);
     object.execute();
-    time.setDeltaT(controls && atTimes(controls->writeControl()) ? deltaT : seen, false);
+    time.setDeltaT(controls && atTimes(controls->writeControl()) ? step : seen, false);
     object.write();
     time.setDeltaT(stride, false);
 }

@@ -85,6 +85,18 @@ for time in 9.8 14.7 22.4; do
 done
 sed -i 's/^startTime .*/startTime 0;/' system/controlDict
 
+# A function object whose own times cut steps short, in jumps as in the solver's: no time to write is lost
+at='at { type volFieldValue; libs (fieldFunctionObjects); fields (U); operation max; regionType all; writeFields no; log no;
+    writeControl adjustableRunTime; writeInterval 0.06; }'
+for run in plain hybrid; do
+    clean_case
+    echo "$at $tracer $([ $run = plain ] || surrogate "$dmd")" > system/functions
+    runs pimpleFoam
+    [ $run = hybrid ] || plain=$(times | wc -w)
+done
+replaces 0.1 'beside a function object with times of its own'
+[ "$(times | wc -w)" -eq "$plain" ] || fail "times $(times), expected $plain of them"
+
 # The default: states are so many of the present steps apart, and not of the first; each fourth step is looked at
 clean_case
 echo "$tracer $(surrogate 'othersInterval 4; dmd { window 24; minSnapshots 24; delays (3 5); holdOut 3; initialJump 5; }') $looks" > system/functions
