@@ -146,7 +146,16 @@ fn jumps_follow_each_other_and_states_between_samples_are_interpolated() {
     let system = System::new(0.0, 200);
     let mut online = system.seen(60, 60);
     online.fit().unwrap();
-    tell(&mut online, 59, 20.0);
+    // A step before a state at the last sample that is known
+    for strides in [1.0, 20.0] {
+        tell(&mut online, 59, strides);
+        assert!(
+            online.predict(strides - 0.1).is_some() && online.predict(strides + 0.1).is_none(),
+            "{strides}"
+        );
+    }
+    let close = off(&predicted(&online, 19.999), &system.at(79));
+    assert!(close < 2e-2, "{close:e}");
     assert!(online.jump(20.0, 0.5 * 79.0, 0.5));
     let foretold = {
         tell(&mut online, 79, 1.0);

@@ -65,15 +65,16 @@ pub(crate) struct Foreseen {
     products: Vec<Vec<f64>>,
 }
 
-/// Values at four times, one apart from 0 on, at a time between: the weight of each (Lagrange).
-fn between(t: f64) -> [f64; 4] {
-    [0.0, 1.0, 2.0, 3.0].map(|own: f64| {
-        let others = [0.0, 1.0, 2.0, 3.0].into_iter().filter(|other| *other != own);
-        others.map(|other| (t - other) / (own - other)).product()
-    })
+/// Values at `n` times, one apart from 0 on, at a time between: the weight of each (Lagrange).
+fn between(t: f64, n: usize) -> Vec<f64> {
+    let times = || (0..n).map(|time| time as f64);
+    let weight = |own: f64| {
+        times().filter(|other| *other != own).map(|other| (t - other) / (own - other)).product::<f64>()
+    };
+    times().map(weight).collect()
 }
 
-fn combined(of: &[Vec<f64>], weights: [f64; 4]) -> Vec<f64> {
+fn combined(of: &[Vec<f64>], weights: &[f64]) -> Vec<f64> {
     (0..of[0].len()).map(|i| of.iter().zip(weights).map(|(v, w)| w * v[i]).sum()).collect()
 }
 
@@ -83,7 +84,8 @@ fn whole(strides: f64) -> (i64, bool) {
     (whole as i64, strides - whole > SAME)
 }
 
-/// The last sample that a state so many strides later is made of, and whether it is interpolated: between four, two of them later.
+/// The last sample that a state so many strides later is made of, and whether it is interpolated: between four, two of them later where the
+/// inputs are known so far.
 fn last(strides: f64) -> (i64, bool) {
     match whole(strides) {
         (0.., false) => (whole(strides).0, false),
@@ -143,20 +145,28 @@ impl OnlineDmd {
         let input = |position: f64| Some(driven.input(&self.given(position, &outlook.slots, given)?));
         let mut inputs = inputs.clone();
         let (last, interpolated) = last(strides);
-        for n in from + 1..=from + last {
-            inputs.push(input(n as f64).ok_or_else(|| {
-                Error::Numerical("what is prescribed from here on is not known: the solver goes on".into())
-            })?);
+        for n in 1..=last {
+            match input((from + n) as f64) {
+                Some(v) => inputs.push(v),
+                // An old level of a state at the last sample that is known
+                None if (n - 1) as f64 >= strides => break,
+                None => {
+                    return Err(Error::Numerical(
+                        "what is prescribed from here on is not known: the solver goes on".into(),
+                    ));
+                }
+            }
         }
         let rests = driven.follow(rests, &inputs).map_err(Error::Numerical)?;
         let place = (driven.shape.delays - 1) as i64 + whole(strides).0;
         let weights = match interpolated {
             true => {
-                let first = (place - 1).clamp(0, rests.len() as i64 - 4) as usize;
-                let at = between(strides + (driven.shape.delays - 1) as f64 - first as f64);
+                let n = rests.len().min(4);
+                let first = (place - 1).clamp(0, (rests.len() - n) as i64) as usize;
+                let at = between(strides + (driven.shape.delays - 1) as f64 - first as f64, n);
                 let known = input(from as f64 + strides);
-                let v = known.unwrap_or_else(|| combined(&inputs[first..first + 4], at));
-                driven.weights(&combined(&rests[first..first + 4], at), &v)
+                let v = known.unwrap_or_else(|| combined(&inputs[first..first + n], &at));
+                driven.weights(&combined(&rests[first..first + n], &at), &v)
             }
             false => driven.weights(&rests[place as usize], &inputs[place as usize]),
         };

@@ -31,7 +31,16 @@ decided 'a fit with an input is used' "[d for d in of('fit', decision='used') if
 keep whole postProcessing 3 6
 carry_on 3
 close_to ../whole 1e-9 6/U
-control startTime 0 endTime 3
+control startTime 0
+# A scheme that looks at an old level, which lies before the last state of a jump where nothing else looks
+ddt_scheme backward
+plain 3 6
+ride "$dmd"
+expect_log ', 1 input: its last 10 states'
+replaces 0.2 'an inlet with gusts, backward'
+close_to ../plain 0.06 6/U
+ddt_scheme Euler
+control endTime 3
 clean_case
 solve 2
 runs reconstructPar
