@@ -4,6 +4,7 @@
 #include "addToRunTimeSelectionTable.H"
 #include "m4gnCaseChecks.H"
 #include "m4gnDictionary.H"
+#include "m4gnLastStep.H"
 #include "pointFields.H"
 #include "surfaceFields.H"
 #include "volFields.H"
@@ -56,19 +57,13 @@ class nextStep : public Foam::TimeState
         return time.*member;
     }
 
-    static Foam::scalar saved(const Foam::Time& time)
-    {
-        Foam::scalar Foam::TimeState::*const member = &nextStep::deltaTSave_;
-        return time.*member;
-    }
-
 public:
     explicit nextStep(Foam::Time& time)
         : time_(time), before_(time.value()), indexBefore_(time.timeIndex()),
           deltaT0Before_(time.deltaT0Value())
     {
         time_.setTime(before_ + time_.deltaTValue(), indexBefore_ + 1);
-        deltaT0(time_) = saved(time_);
+        deltaT0(time_) = Foam::m4gnLastStep::of(time_);
     }
 
     ~nextStep()

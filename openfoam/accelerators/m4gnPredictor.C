@@ -5,6 +5,7 @@
 #include "m4gnDictionary.H"
 #include "m4gnActiveSurrogate.H"
 #include "m4gnCaseChecks.H"
+#include "m4gnLastStep.H"
 #include "m4gnVersion.H"
 
 namespace Foam
@@ -85,7 +86,7 @@ void Foam::functionObjects::m4gnPredictor::remember(const vectorField& D)
     nStates_ = min(nStates_ + 1, label(3));
     timeIndex_ = now;
     deltaTOld_ = deltaT_;
-    deltaT_ = time_.deltaTValue();
+    deltaT_ = m4gnLastStep::of(time_);
 }
 
 Foam::tmp<Foam::vectorField> Foam::functionObjects::m4gnPredictor::guess() const

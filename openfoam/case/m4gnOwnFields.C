@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnOwnFields.H"
+#include "m4gnLastStep.H"
 #include "calculatedFvPatchFields.H"
 #include "surfaceFields.H"
 #include "Time.H"
@@ -133,7 +134,9 @@ template <class Type> bool provideRate(const fvMesh& mesh, const word& name, con
         return true;
     }
 
-    const scalar rDeltaT = 1 / mesh.time().deltaTValue();
+    // Of stored times the one that is stored
+    const Time& time = mesh.time();
+    const scalar rDeltaT = 1 / (functionObject::postProcess ? time.deltaTValue() : m4gnLastStep::of(time));
     const auto& old = field->oldTime();
     rate->primitiveFieldRef() = rDeltaT * (field->primitiveField() - old.primitiveField());
     auto& boundary = rate->boundaryFieldRef();

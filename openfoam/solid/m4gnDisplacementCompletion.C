@@ -2,23 +2,9 @@
 
 #include "m4gnDisplacementCompletion.H"
 #include "m4gnDictionary.H"
+#include "m4gnLastStep.H"
 #include "m4gnOwnFields.H"
 #include "Time.H"
-
-namespace
-{
-//- Time's deltaT0 of the next time step is the deltaT of this one. A stride is
-//  no step of the solver: give it the solver's own.
-struct previousStep : public Foam::TimeState
-{
-    static void set(Foam::Time& time, const Foam::scalar deltaT)
-    {
-        Foam::scalar Foam::TimeState::*saved = &previousStep::deltaTSave_;
-        static_cast<Foam::TimeState&>(time).*saved = deltaT;
-    }
-};
-
-} // End anonymous namespace
 
 Foam::volVectorField& Foam::m4gnDisplacementCompletion::D() const
 {
@@ -118,7 +104,8 @@ void Foam::m4gnDisplacementCompletion::complete(const scalar deltaT, const bool 
 
     if (dynamic_) {
         D().oldTime().primitiveFieldRef() = D().primitiveField() - deltaT * rate().primitiveField();
-        previousStep::set(time_, deltaT);
+        // A stride is no step of the solver
+        m4gnLastStep::of(time_) = deltaT;
     }
 }
 

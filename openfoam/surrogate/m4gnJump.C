@@ -3,6 +3,7 @@
 #include "m4gnJump.H"
 #include "m4gnExplicitStress.H"
 #include "m4gnFunctionObjects.H"
+#include "m4gnLastStep.H"
 #include "m4gnOwnFields.H"
 #include "m4gnClock.H"
 #include "m4gnClockwork.H"
@@ -111,8 +112,6 @@ void Foam::m4gnJump::afterFirstStep()
     }
 }
 
-void Foam::m4gnJump::precede(Time& time, const scalar deltaT) { m4gnClockwork::precede(time, deltaT); }
-
 Foam::m4gnJump::m4gnJump(
     const word& name, const fvMesh& mesh, const dictionary& dict, m4gnHybridRun& run, m4gnState& state,
     PtrList<m4gnCompletion>& completions)
@@ -213,7 +212,7 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
             if (completion_) {
                 completion_->complete(deltaT, last);
             } else if (run_.setOldLevels(deltaT)) {
-                m4gnClockwork::precede(time_, deltaT);
+                m4gnLastStep::of(time_) = deltaT;
             }
             last_.handedOver = last;
             handOver += timer.increment();

@@ -11,6 +11,7 @@
 #include "m4gnHandOver.H"
 #include "m4gnHybridRun.H"
 #include "m4gnJump.H"
+#include "m4gnLastStep.H"
 #include "m4gnRelaxation.H"
 #include "m4gnSchemeFields.H"
 #include "m4gnVersion.H"
@@ -174,7 +175,7 @@ void Foam::functionObjects::m4gnSurrogate::resume()
         }
         scalar before = deltaT;
         getProperty(stepBefore, before);
-        m4gnJump::precede(time, before);
+        m4gnLastStep::of(time) = before;
     }
     if (!replaces_) {
         Log << type() << ' ' << name() << ": begins to observe at time " << time_.timeName()

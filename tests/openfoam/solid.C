@@ -52,6 +52,8 @@ TEST(fieldsThatNoSolverRegisters)
     ++run.time();
     D.storeOldTimes();
     D.primitiveFieldRef()[3] = vector(1.5, 2, 2);
+    // As controlDict that is edited has it: of the next time step
+    run.time().setDeltaT(0.4, false);
 
     const m4gnMeshAdapter nodes(*mesh, labelList(6, M4GN_FREE));
     m4gnFieldSet fields(*mesh, {"cellSize", "deltaT", "nu", "ddt(D)"});
@@ -60,7 +62,7 @@ TEST(fieldsThatNoSolverRegisters)
 
     // Each cell has neighbours at 1 m and at 2 m
     EXPECT_NEAR(values[0][0], 1.5, 1e-12);
-    EXPECT_NEAR(values[1][3], 0.1, 1e-15);
+    EXPECT_NEAR(values[1][3], 0.4, 1e-15);
     EXPECT_NEAR(values[2][1], 0.25, 0);
     // Over a time step of 0.1 s
     EXPECT_NEAR(values[3][9], 5, 1e-12);
