@@ -16,6 +16,8 @@
 #include "Time.H"
 #include "writeFile.H"
 
+#include <cstring>
+
 std::string Foam::m4gnHybridRun::types() const
 {
     const m4gn_mesh_data& data = session_->nodes().data();
@@ -95,11 +97,13 @@ Foam::dictionary Foam::m4gnHybridRun::storedTypes(const word& name, const Time& 
     const fileName path(stateFile(name, time, time.timeName()));
     string text;
     if (Pstream::master()) {
-        char found[8192] = "";
-        // What is damaged is refused when it is taken up
-        if (m4gn_ride_host(path.c_str(), found, sizeof(found)) == M4GN_OK) {
-            text = found;
-        }
+        // What is damaged is refused when it is taken up. A text that fills its room is longer.
+        List<char> room;
+        do {
+            room.resize(max(label(4096), 2 * room.size()), '\0');
+        } while (m4gn_ride_host(path.c_str(), room.data(), room.size()) == M4GN_OK
+                 && label(std::strlen(room.cdata())) == room.size() - 1);
+        text = room.cdata();
     }
     m4gn::broadcast(text);
 
