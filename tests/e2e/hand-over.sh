@@ -9,12 +9,12 @@ make_case case endTime 1.35 writeInterval 10
 beside=$(drag forces)
 coefficients=postProcessing/forces/0/coefficient.dat
 
-# error_of_drag TIME...: the number of these times with forces, and the largest relative error of the drag there
+# error_of_drag TIME...: the largest relative error of the drag at these times, at all of which there are forces
 error_of_drag() {
     join -j 1 <(awk '!/^#/ { printf "%.4f %s\n", $1, $2 }' ../full.dat) <(awk '!/^#/ { printf "%.4f %s\n", $1, $2 }' $coefficients) |
-        awk -v times=" $* " '{ d = $3/$2 - 1; if (d < 0) d = -d; sub(/0+$/, "", $1)
+        awk -v times=" $* " -v all=$# '{ d = $3/$2 - 1; if (d < 0) d = -d; sub(/0+$/, "", $1)
                if (index(times, " " $1 " ")) { n++; if (d > worst) worst = d } }
-             END { print n + 0, worst + 0 }'
+             END { print n == all ? worst : n + 0 " of " all " times have forces" }'
 }
 
 for scheme in Euler backward; do
@@ -26,19 +26,18 @@ for scheme in Euler backward; do
         # 1 to 1.1, 25 steps to 1.15, to 1.25, 25 steps to 1.3
         ORACLE_ERROR=$error ride 'mode replace; model any; timeStart 1; solverSteps 25; surrogateSteps 2;'
         jumped 2 2
-        read -r _ first <<< "$(error_of_drag 1.102 1.252)"
-        read -r _ fifth <<< "$(error_of_drag 1.11 1.26)"
+        first=$(error_of_drag 1.102 1.252)
         below "$first" 0.03 "$scheme, velocity error $error m/s: drag error on the first step"
-        below "$fifth" 0.02 "$scheme, velocity error $error m/s: drag error on the fifth step"
+        below "$(error_of_drag 1.11 1.26)" 0.02 "$scheme, velocity error $error m/s: drag error on the fifth step"
         holds "$first > 0" "the steps after the jumps:"
     done
 done
 # A model without a pressure: it is solved for from the velocity, at the times of the surrogate that others look at as well
+control endTime 0.5
 record 'fields (U);'
 for pressure in '' 'projection { pressure predicted; }'; do
     ride "mode replace; model any; timeStart 0.2; timeEnd 0.5; solverSteps 25; surrogateSteps 2; $pressure"
-    read -r times worst <<< "$(error_of_drag 0.25 0.3 0.4 0.45)"
-    [ "$times" -eq 4 ] || fail "$times times of the surrogate with forces, expected 4"
+    worst=$(error_of_drag 0.25 0.3 0.4 0.45)
     case $pressure in
         '') below "$worst" 0.02 "drag error at the surrogate's times, pressure solved" ;;
         *) below 0.03 "$worst" "least drag error at the surrogate's times with the pressure of the last solved time ($worst)" ;;
