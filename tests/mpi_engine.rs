@@ -44,58 +44,62 @@ fn run(comm: &Comm) -> Vec<String> {
         let n = mesh.n_cells();
         let scattered: Vec<i32> = (0..n).map(|c| ((c / 5 * 7919) % size as usize) as i32).collect();
         let all_on_last = vec![size - 1; n];
-        for (how, ranks) in [
+        let deals = [
             ("strips", sample::strips(n, size)),
             ("scattered", scattered),
             ("the last rank alone", all_on_last),
-        ] {
-            let m4gn = [(0, 0, 4), (1, 0, 0), (2, 1, 3)].map(|(layers_after, overlap, rwse_steps)| {
-                let name = format!("{layers_after} layers after, overlap {overlap}");
-                (name, spec(mesh.dim(), layers_after, overlap, rwse_steps))
-            });
-            let of_kind = |kind: Kind| {
-                let mut spec = spec(mesh.dim(), 0, 0, 0);
-                spec.architecture.kind = kind;
-                spec
-            };
-            let (gcn, bsms) = (of_kind(Kind::Gcn { layers: 3 }), of_kind(Kind::BsmsGnn { levels: 4 }));
-            let eagle = [0, 1].map(|overlap| {
-                let mut eagle = spec(mesh.dim(), 1, overlap, 2);
-                eagle.architecture.kind =
-                    Kind::Eagle(eagle.architecture.m4gn().cloned().unwrap_or_else(|| unreachable!()));
-                (format!("eagle, overlap {overlap}"), eagle)
-            });
-            let mut before = spec(mesh.dim(), 1, 0, 0);
-            before.architecture.micro.node_sums = NodeSums::Before;
-            let mut walk = spec(mesh.dim(), 0, 0, 0);
-            walk.architecture.micro.node_rwse_steps = 7;
-            let others = [
-                ("node positions".to_string(), walk),
-                ("node sums before".to_string(), before),
-                ("gcn".to_string(), gcn),
-                ("bsms-gnn".to_string(), bsms),
-            ];
-            for (name, spec) in m4gn.into_iter().chain(others).chain(eagle) {
-                let name = format!("{what}, {how}, {name}");
-                // Groups of cells that straddle ranks.
-                let groups = Resolution::Length(1.7 * cell_size(mesh, &Comm::serial()));
-                for (precision, n_threads, resolution, tolerance) in [
-                    (Precision::Fp32, 1, Resolution::Off, TOLERANCE),
-                    (Precision::Fp32, 2, Resolution::Off, TOLERANCE),
-                    (Precision::Fp32, 1, groups, TOLERANCE),
-                    (Precision::Bf16, 1, Resolution::Off, TOLERANCE_BF16),
-                ] {
-                    let options = SessionOptions {
-                        precision: precision.into(),
-                        n_threads,
-                        resolution,
-                        ..SessionOptions::default()
-                    };
-                    let name = format!("{name}, {}, {n_threads} threads, {resolution:?}", precision.name());
-                    match compare(comm, mesh, &ranks, spec.clone(), &options) {
+        ];
+        let m4gn = [(0, 0, 4), (1, 0, 0), (2, 1, 3)].map(|(layers_after, overlap, rwse_steps)| {
+            let name = format!("{layers_after} layers after, overlap {overlap}");
+            (name, spec(mesh.dim(), layers_after, overlap, rwse_steps))
+        });
+        let of_kind = |kind: Kind| {
+            let mut spec = spec(mesh.dim(), 0, 0, 0);
+            spec.architecture.kind = kind;
+            spec
+        };
+        let (gcn, bsms) = (of_kind(Kind::Gcn { layers: 3 }), of_kind(Kind::BsmsGnn { levels: 4 }));
+        let eagle = [0, 1].map(|overlap| {
+            let mut eagle = spec(mesh.dim(), 1, overlap, 2);
+            eagle.architecture.kind =
+                Kind::Eagle(eagle.architecture.m4gn().cloned().unwrap_or_else(|| unreachable!()));
+            (format!("eagle, overlap {overlap}"), eagle)
+        });
+        let mut before = spec(mesh.dim(), 1, 0, 0);
+        before.architecture.micro.node_sums = NodeSums::Before;
+        let mut walk = spec(mesh.dim(), 0, 0, 0);
+        walk.architecture.micro.node_rwse_steps = 7;
+        let others = [
+            ("node positions".to_string(), walk),
+            ("node sums before".to_string(), before),
+            ("gcn".to_string(), gcn),
+            ("bsms-gnn".to_string(), bsms),
+        ];
+        for (name, spec) in m4gn.into_iter().chain(others).chain(eagle) {
+            let name = format!("{what}, {name}");
+            // Groups of cells that straddle ranks.
+            let groups = Resolution::Length(1.7 * cell_size(mesh, &Comm::serial()));
+            for (precision, n_threads, resolution, tolerance) in [
+                (Precision::Fp32, 1, Resolution::Off, TOLERANCE),
+                (Precision::Fp32, 2, Resolution::Off, TOLERANCE),
+                (Precision::Fp32, 1, groups, TOLERANCE),
+                (Precision::Bf16, 1, Resolution::Off, TOLERANCE_BF16),
+            ] {
+                let options = SessionOptions {
+                    precision: precision.into(),
+                    n_threads,
+                    resolution,
+                    ..SessionOptions::default()
+                };
+                let name = format!("{name}, {}, {n_threads} threads, {resolution:?}", precision.name());
+                let alone = alone(mesh, &spec, &options).unwrap();
+                for (how, ranks) in &deals {
+                    match compare(comm, mesh, ranks, &spec, &options, &alone) {
                         Ok(error) if error < tolerance => {}
-                        Ok(error) => failures.push(format!("{name}: differs from serial by {error:e}")),
-                        Err(e) => failures.push(format!("{name}: {e}")),
+                        Ok(error) => {
+                            failures.push(format!("{how}, {name}: differs from serial by {error:e}"))
+                        }
+                        Err(e) => failures.push(format!("{how}, {name}: {e}")),
                     }
                 }
             }
@@ -128,7 +132,10 @@ fn whole(comm: &Comm, mesh: &Mesh) -> std::result::Result<(), String> {
     let mut spec = spec(2, 0, 0, 0);
     spec.architecture.kind = Kind::GUNet { levels: 3 };
     let ranks = sample::strips(mesh.n_cells(), comm.size());
-    match (comm.size(), compare(comm, mesh, &ranks, spec, &SessionOptions::default())) {
+    let options = SessionOptions::default();
+    let found =
+        alone(mesh, &spec, &options).and_then(|alone| compare(comm, mesh, &ranks, &spec, &options, &alone));
+    match (comm.size(), found) {
         (1, Ok(0.0)) => Ok(()),
         (2.., Err(Error::Model(m)))
             if m.contains("kind g-u-net") && m.contains("run the solver in serial") =>
@@ -139,29 +146,42 @@ fn whole(comm: &Comm, mesh: &Mesh) -> std::result::Result<(), String> {
     }
 }
 
+/// Two steps of a network of random weights on a mesh, and its segments.
+fn two_steps(
+    comm: Comm,
+    mesh: &Mesh,
+    spec: &ModelSpec,
+    options: &SessionOptions,
+) -> Result<(Flow, Vec<i32>)> {
+    let mut session = Session::new(comm, mesh, &Model::random(spec.clone(), 21)?, options)?;
+    let mut found = state(mesh);
+    for _ in 0..2 {
+        step(&mut found, &mut session)?;
+    }
+    Ok((found, session.cell_segment().to_vec()))
+}
+
+/// The same of the whole mesh on one rank.
+fn alone(mesh: &Mesh, spec: &ModelSpec, options: &SessionOptions) -> Result<(Flow, Vec<i32>)> {
+    two_steps(Comm::serial(), mesh, spec, options)
+}
+
 /// Largest difference of two steps from serial, relative to the largest value; the labels must be the same.
 fn compare(
     comm: &Comm,
     mesh: &Mesh,
     ranks: &[i32],
-    spec: ModelSpec,
+    spec: &ModelSpec,
     options: &SessionOptions,
+    (expected, expected_segments): &(Flow, Vec<i32>),
 ) -> Result<f64> {
-    let model = Model::random(spec, 21)?;
-    let mut serial = Session::new(Comm::serial(), mesh, &model, options)?;
-    let mut expected = state(mesh);
     let part = sample::part(mesh, ranks, comm.rank());
-    let mut session = Session::new(comm.clone(), &part, &model, options)?;
-    let mut found = state(&part);
-    for _ in 0..2 {
-        step(&mut expected, &mut serial)?;
-        step(&mut found, &mut session)?;
-    }
+    let (found, segments) = two_steps(comm.clone(), &part, spec, options)?;
     let largest = expected.u.iter().chain(&expected.p).fold(0f64, |m, v| m.max(v.abs()));
     let mut error = 0f64;
     for (c, &global) in part.cell_global.iter().enumerate() {
         let g = global as usize;
-        if session.cell_segment().get(c) != serial.cell_segment().get(g) {
+        if segments.get(c) != expected_segments.get(g) {
             return Err(Error::Internal(format!("cell {g} has another segment than in serial")));
         }
         for i in 0..3 {
