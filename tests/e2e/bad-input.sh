@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The function object m4gnPredictor, without libm4gn.so: less work, the same answer.
+# Bad input of flows: what was expected, found, where, what to do; two ranks end as one; no half files.
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
 good="mode replace; solverSteps 5; surrogateSteps 2;"

@@ -36,7 +36,7 @@ same_answer() {
     runs mpirun -np "$np" postProcess -parallel -func m4gnSegments -time 0
     expect_log 'segments computed'
     paste ../eigenvalues <(eigenvalues) | awk '
-        NF != 2 { exit 1 } { d = $2/$1 - 1; if (d*d > m) m = d*d } END { printf "%.1e", sqrt(m); exit !(m <= 1e-16) }' \
+        NF != 2 { m = 1; next } { d = $2/$1 - 1; if (d*d > m) m = d*d } END { printf "%.1e", sqrt(m); exit !(m <= 1e-16) }' \
         > ../worst || { paste ../eigenvalues <(eigenvalues); fail "$what: other eigenvalues than in serial"; }
     # The undecomposed case has them without reconstructPar, and after it
     cmp <(values ../serial/m4gnSegment) <(values 0/m4gnSegment) || fail "$what: other segments than in serial"

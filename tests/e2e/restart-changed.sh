@@ -3,11 +3,8 @@
 # what is no field: what was fitted before is dropped where it no longer holds, and what a jump cannot follow is refused by name.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
-make_case case
-control endTime 1
-control writeInterval 0.05
-control writeFormat binary
-sed -i 's/tolerance  *1e-10/tolerance 1e-6/; s/relTol  *0;/relTol 0.05;/' system/fvSolution
+make_case case endTime 1 writeInterval 0.05 writeFormat binary
+set_entries system/fvSolution tolerance 1e-6 relTol 0.05
 # Always a fit, always a jump
 dmd='mode replace; surrogates (dmd); timeStart 0.3; control { tolerance 1000; relTol 1000; } dmd { snapshotInterval 0.01; window 14;
     minSnapshots 12; fitTolerance 1000; jumpTolerance 1000; initialJump 12; maxJump 12; }'
@@ -27,7 +24,7 @@ in_a_jump() { grep -l 'solverDeltaT *0\.' 0.[3-9]*/uniform/functionObjects/funct
 # dropped WHAT: the fit is, for this reason, and the solver goes on
 dropped() {
     grep -q "under other conditions: .*$1.* is dropped" log.run || { grep m4gn: log.run; fail "no word of $1"; }
-    ! awk '/under other conditions/ { on = 1 } on && /fit of/ { fit = 1 } on && /m4gn: jumped/ && !fit { exit 1 }' log.run | grep . ||
+    awk '/under other conditions/ { on = 1 } on && /fit of/ { fit = 1 } on && /m4gn: jumped/ && !fit { wrong = 1 } END { exit wrong }' log.run ||
         fail "$1: a jump without a new fit"
 }
 

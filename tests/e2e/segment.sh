@@ -70,14 +70,15 @@ PYTHON
 # Somebody without the right to write gets a message, and nothing is left behind
 clean_fields
 rm -f 0/m4gn*
-if [ "$(id -u)" -eq 0 ]; then
-    # Where that somebody may read them, wherever the checkout is
-    mkdir "$work/bin"
-    cp "$(command -v m4gn)" "$M4GN_HOME"/lib/libm4gn*.so "$work/bin"
-    chmod -R go+rX "$work"
-    refused 'Cannot write' setpriv --reuid=65534 --regid=65534 --clear-groups "$work/bin/m4gn" segment . --segments 16
-    [ "$(ls 0)" = "$(printf 'U\np')" ] || { ls -la 0; fail "something was left in 0"; }
-fi
+# Where that somebody may read them, wherever the checkout is
+mkdir "$work/bin"
+cp "$(command -v m4gn)" "$M4GN_HOME"/lib/libm4gn*.so "$work/bin"
+chmod -R go+rX "$work"
+somebody=(setpriv --reuid=65534 --regid=65534 --clear-groups)
+[ "$(id -u)" -eq 0 ] || { somebody=(); chmod a-w 0; }
+refused 'Cannot write' "${somebody[@]}" "$work/bin/m4gn" segment . --segments 16
+[ "$(ls 0)" = "$(printf 'U\np')" ] || { ls -la 0; fail "something was left in 0"; }
+chmod u+w 0
 refused 'is neither an OpenFOAM case' m4gn segment constant
 refused '--vtu is for a trajectory' m4gn segment . --vtu ../segments.vtu
 refused 'expected a number from 1' m4gn segment . --segments 0

@@ -17,7 +17,7 @@ table=postProcessing/test/0/surrogate.dat
 state 'state bareFlow; share 0.25;'
 runs icoFoam
 grep -q '^# Time.*share' $table || { cat $table; fail "the state's own quantity is not in the table"; }
-awk '!/^#/ && $5 != 0.25 { exit 1 }' $table || fail "the state did not get its entry"
+awk '!/^#/ { ++n; other += $5 != 0.25 } END { exit !n || other }' $table || fail "the state did not get its entry"
 clean_case
 state ''
 refused 'carries on from several kinds of state: bareFlow, flow' icoFoam
