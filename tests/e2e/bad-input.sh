@@ -8,21 +8,14 @@ own="$good $small"
 expect_error 'tua: unknown entry, expected one of backend,' "$own tua 3;"
 expect_log 'Other entries that it may have: .*solverSteps'
 expect_errors <<EOD
-$own segments { cuont 3; } => segments.cuont: unknown entry, .*is count meant?
 $own nodeTypes { inlt inlet; } => fit no patch
 $own nodeTypes { inlet inlt; } => the type inlt
-mode replace; $small surrogateSteps 2; => solverSteps
 mode replce; $small => mode: expected observe or replace, found replce; is replace meant
-mode accelerate; $small => mode: expected observe or replace, found accelerate
 mode replace; surrogates (dmd); dmd { keep no; file states; } => dmd.file: unknown entry
 $good model missing.safetensors; => There is no model
 $own nodeTypes { cylinder obstacle; } => obstacle
 $own segments { count 100000; } => 100000
-$own segments { method slic-mdodx; } => segments.method: expected one of metis, .*, slic-mdode, found slic-mdodx; is slic-mdode meant
-$own segments { tau -2; } => segments.tau: expected a finite number that is not negative
 $own segments { method slic-mdode; obstacles (cylnder); } => cylnder: expected some of the patches
-$own segments { connected maybe; } => segments.connected: expected yes or no
-$own nThreads two; => nThreads: expected a whole number
 EOD
 
 head -c 9000 "$small_model" > half.safetensors

@@ -53,9 +53,4 @@ decided "why there was no jump" "of('stride', decision='relTol')[0]['time'] < 0.
 
 # What is wrong is said before the run begins
 clean_case
-expect_errors <<EOD
-$good control { tolerance 0; } => tolerance 0
-$good control { } => tolerance
-$good control { tolerance 0.1; onFailure maybe; } => onFailure
-$good control { tolerance 0.1; fields (q); } => q is not predicted
-EOD
+expect_error 'q is not predicted' "$good control { tolerance 0.1; fields (q); }"

@@ -66,5 +66,4 @@ ascii
 below "$(difference ../U.whole.4 4/U)" 1e-2 "U on two ranks"
 
 # What cannot be
-expect_error 'maxJump from initialJump to' "$(dmd 'maxJump 5;')"
 expect_error 'expected one of snapshotInterval' "$(dmd 'snapshotIntervall 0.05;')"

@@ -5,11 +5,9 @@
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 RANDOM=7
-make_case case
-sed -i 's/^endTime .*/endTime 1.2;/; s/^writeInterval .*/writeInterval 0.05;/; s/^writeFormat .*/writeFormat binary;/' \
-    system/controlDict
+make_case case endTime 1.2 writeInterval 0.05 writeFormat binary
 # Bytes are compared, so a loose tolerance is as good
-sed -i 's/tolerance  *1e-10/tolerance 1e-6/; s/relTol  *0;/relTol 0.05;/' system/fvSolution
+set_entries system/fvSolution tolerance 1e-6 relTol 0.05
 
 # The surrogate jumps from 0.5 to 0.75 and from 0.83 to 1.08: write times lie before the first jump, where it begins, in it, where it ends,
 # and between the two
@@ -26,6 +24,7 @@ same() {
 }
 # forget FOLDER...: the times that a run has written there
 forget() { find "$@" -maxdepth 1 -name '[0-9]*' ! -name 0 -exec rm -rf {} +; }
+anew() { clean_case; control startTime 0; }
 # from TIME FOLDER...: carry on from there in the folders, . or those of the ranks
 from() {
     local time=$1 folder
@@ -34,7 +33,7 @@ from() {
     for folder in "$@"; do
         cp -r "../whole/$folder/$time" "$folder"
     done
-    sed -i "s/^startTime .*/startTime $time;/" system/controlDict
+    control startTime "$time"
 }
 whole() {
     rm -rf ../whole && mkdir ../whole
@@ -43,8 +42,7 @@ whole() {
 
 for control in '' 'control { tolerance 1000; relTol 1000; }' 'control { tolerance 0.09; relTol 1000; }'; do
     surrogate "$control"
-    clean_case
-    sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+    anew
     runs icoFoam
     # The solver's first write times after the jump that ends at 1.08
     [ -n "$control" ] || { [ -d 1.1 ] && [ -d 1.15 ]; } || { ls; fail "write times after a jump are lost"; }
@@ -58,11 +56,10 @@ for control in '' 'control { tolerance 1000; relTol 1000; }' 'control { toleranc
     for time in $times; do
         from $time .
         runs icoFoam
-        grep -q "m4gn: test goes on from its state at time $time" log.run || { cat log.run; fail "$time: the state was not read"; }
+        expect_log "m4gn: test goes on from its state at time $time"
         same . "restarted at $time, $control"
         [ "$(entry surrogate_steps $time)" = "$steps" ] || fail "restarted at $time, $control: not $steps surrogate steps"
-        awk -v a="$replaced" -v b="$(entry replaced_fraction $time)" 'BEGIN { d = a - b; exit !(d*d < 1e-12) }' ||
-            fail "restarted at $time, $control: another share replaced"
+        holds "($replaced - $(entry replaced_fraction $time))^2 < 1e-12" "restarted at $time, $control: share that is replaced"
     done
     echo "restarted, ${control:-no control}: the same bytes, $steps surrogate steps"
 done
@@ -72,12 +69,12 @@ from 0.8 .
 cp -r ../whole/0.75 .
 rm 0.8/uniform/test.state
 runs icoFoam
-grep -q 'no state of test' log.run && grep -q 'last one .* 0.75' log.run || { cat log.run; fail "no word of the missing state"; }
+expect_log 'no state of test' 'last one .* 0.75'
 # That of another model is not taken up
 from 0.8 .
 function_object m4gnSurrogate "mode replace; model \"$small_model\"; timeStart 0.5; solverSteps 40; surrogateSteps 5;"
 runs icoFoam
-grep -q 'had another model' log.run || { cat log.run; fail "no word of the other model"; }
+expect_log 'had another model'
 # A damaged one ends the run with its name
 surrogate ''
 from 0.8 .
@@ -88,8 +85,7 @@ refused 'test.state' icoFoam
 
 # Two ranks
 surrogate 'control { tolerance 0.09; relTol 1000; }'
-clean_case
-sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+anew
 on_two_ranks icoFoam
 whole processor0 processor1
 for time in 0.5 0.6 0.8; do
@@ -102,12 +98,12 @@ done
 from 0.6 processor0 processor1
 runs reconstructPar -time 0.6
 runs icoFoam
-grep -q 'written by 2 ranks' log.run || { cat log.run; fail "the state of two ranks was not read"; }
+expect_log 'written by 2 ranks'
 mkdir ../serial && cp -r 1.2 ../serial
 rm -rf [1-9]* 0.*
 cp -r ../whole/processor[01] .
 runs reconstructPar -time 1.2
-sed -i 's/binary/ascii/' system/controlDict
+control writeFormat ascii
 for folder in . ../serial; do
     (mkdir -p "$folder/as_text" && cp -r constant system "$folder/1.2" "$folder/as_text" && cd "$folder/as_text" && : > system/functions &&
         runs foamFormatConvert -time 1.2)
@@ -115,7 +111,7 @@ done
 for field in U p; do
     below "$(difference as_text/1.2/$field ../serial/as_text/1.2/$field)" 1e-4 "$field at 1.2, serial from 2 ranks at 0.6"
 done
-sed -i 's/ascii/binary/' system/controlDict
+control writeFormat binary
 
 # killed TIMES SECONDS FOLDERS RUN...: killed again and again at random moments of the first so many seconds, and carried on from
 # the last time that is whole
@@ -124,7 +120,7 @@ killed() {
     local most=$1 limit=$2 folders=$3 kills=0 whole time folder pid
     shift 3
     forget $folders
-    sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+    control startTime 0
     while [ $kills -lt "$most" ]; do
         setsid "$@" > log.run 2>&1 &
         pid=$!
@@ -152,7 +148,7 @@ killed() {
                 awk "BEGIN { exit !($time > $whole) }" && rm -rf "${folder:?}/$time"
             done
         done
-        sed -i "s/^startTime .*/startTime $whole;/" system/controlDict
+        control startTime "$whole"
     done
     runs "$@"
     for folder in $folders; do same "$folder" "killed $kills times"; done
@@ -161,13 +157,11 @@ killed() {
 finished=0
 # Where the surrogate's times are not write times, those of a run that starts there are others: OpenFOAM counts them from its start
 sed -i 's/solverSteps 40/solverSteps 25/' system/functions
-clean_case
-sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+anew
 on_two_ranks icoFoam
 whole processor0 processor1
 killed 8 1 'processor0 processor1' mpirun -np 2 icoFoam -parallel
-clean_case
-sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+anew
 runs icoFoam
 whole [0-9]*
 killed 12 0.4 . icoFoam
@@ -175,9 +169,8 @@ killed 12 0.4 . icoFoam
 function_object m4gnSurrogate 'mode replace; surrogates (dmd); timeStart 0.5; control { tolerance 1000; relTol 1000; }
     dmd { snapshotInterval 0.01; window 30; minSnapshots 24; maxJump 15; jumpTolerance 0.5; fitTolerance 0.5; }'
 for ranks in 1 2 3; do
-    clean_case
-    sed -i 's/^startTime .*/startTime 0;/' system/controlDict
-    { header decomposeParDict; echo "numberOfSubdomains $ranks; method simple; simpleCoeffs { n ($ranks 1 1); delta 0.001; }"; } > system/decomposeParDict
+    anew
+    decomposition $ranks simple "coeffs { n ($ranks 1 1); }"
     folders=. run=icoFoam
     if [ $ranks -gt 1 ]; then
         runs decomposePar
@@ -206,7 +199,7 @@ rm processor0/1.1/uniform/test.state && mkdir processor0/1.1/uniform/test.state
 ends 'expected a plain file, found a folder'
 # shellcheck disable=SC2086
 forget $folders
-sed -i 's/^startTime .*/startTime 0;/' system/controlDict
+control startTime 0
 # Another run under the same conditions
 sed -i 's/^internalField .*/internalField uniform (0.1 0 0);/' processor*/0/U
 # shellcheck disable=SC2086

@@ -114,7 +114,6 @@ jumps 'solverSteps 5;'
 # What is wrong is found before the run begins
 clean_case && cp -r ../full/0.1 .
 expect_errors <<'EOD'
-mode replace; model any; solverSteps 10; surrogateSteps 2; smoothing some; => Entry smoothing of .* is some; expected none, or smoothing { length 2; }
 mode replace; model any; solverSteps 10; surrogateSteps 2; smoothing { length 0; } => is 0 cells; expected more than 0
 mode replace; model any; solverSteps 10; surrogateSteps 2; smoothing { length 0; } => To hand over what was predicted: smoothing none
 mode replace; model any; solverSteps 10; surrogateSteps 2; smoothing { width 2; } => Unknown entry width in .*smoothing

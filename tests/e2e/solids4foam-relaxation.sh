@@ -85,5 +85,3 @@ EOD
 ranks=1
 function_object m4gnSurrogate "$relaxed relaxation { time 0; }"
 refused 'expected more than 0' solids4Foam
-function_object m4gnSurrogate "$relaxed relaxation off;"
-refused 'expected none, or relaxation' solids4Foam

@@ -37,21 +37,8 @@ EOF
 
 # network STRIDE PRESSURE: the random network with this stride, so that a short run has some, for a pressure of this dimension
 network() {
-    python3 - "$small_model" "$work/network.safetensors" "$1" "$2" <<'EOF'
-import json, struct, sys
-source, target, stride, pressure = sys.argv[1:]
-data = open(source, "rb").read()
-(size,) = struct.unpack("<Q", data[:8])
-header = json.loads(data[8 : 8 + size])
-model = json.loads(header["__metadata__"]["m4gn"])
-model["stride"] = float(stride)
-if pressure == "Pa":
-    model["fields"][1]["dimensions"] = [1, -1, -2, 0, 0, 0, 0]
-header["__metadata__"]["m4gn"] = json.dumps(model)
-text = json.dumps(header).encode()
-text += b" " * (-len(text) % 8)
-open(target, "wb").write(struct.pack("<Q", len(text)) + text + data[8 + size :])
-EOF
+    edit_model "$work/network.safetensors" 'model["stride"] = float(arguments[0])
+if arguments[1] == "Pa": model["fields"][1]["dimensions"] = [1, -1, -2, 0, 0, 0, 0]' "$@"
 }
 
 record='record { type m4gnRecorder; libs (m4gnFoam); fields (U p); writeControl timeStep; writeInterval 5; }'
