@@ -90,6 +90,9 @@ struct One {
     /// Make it again if it was made from other contents of the case or the campaign
     #[arg(long)]
     anew: bool,
+    /// The program that started this one has claimed the run's folder
+    #[arg(long, hide = true, conflicts_with = "dakota")]
+    claimed: bool,
     #[command(flatten)]
     store: Store,
 }
@@ -167,7 +170,11 @@ pub fn run(args: Args) -> Result<()> {
                 _ => {
                     let campaign = Campaign::open(folder, &mut tools)?;
                     let unit = campaign.unit(&args.name.unwrap_or_default(), args.check)?;
-                    (campaign.name(unit), campaign::one(&campaign, unit, args.anew, &tools, &mut say)?)
+                    let made = match args.claimed {
+                        true => campaign::one_claimed(&campaign, unit, args.anew, &tools)?,
+                        false => campaign::one(&campaign, unit, args.anew, &tools, &mut say)?,
+                    };
+                    (campaign.name(unit), made)
                 }
             };
             let there = if made.before { "is there: " } else { "" };

@@ -177,6 +177,7 @@ wait $second || { cat log.second; fail "the second of two failed"; }
 runs m4gn campaign status --store study
 expect_log '5 of 5 runs are there'
 for log in log.first log.second; do grep -q '^[0-9]/[0-9] r0' $log || { cat $log; fail "one of two made all"; }; done
+! grep waiting: study/*/*/log.m4gn || fail "two began the same run, and one waited for the other"
 
 # A full disk, on which programs' writes fail and they go on: no result and nothing half, and the same command goes on
 rm -rf study/runs study/checks

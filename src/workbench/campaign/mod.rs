@@ -28,7 +28,7 @@ mod survey;
 pub mod table;
 
 pub use init::{Found, Request, init};
-pub use one::{Outcome, one};
+pub use one::{Outcome, one, one_claimed};
 pub use report::{Report, report};
 pub use run::{Order, line, run, status};
 

@@ -40,8 +40,16 @@ pub fn one(
     say: &mut dyn FnMut(&str),
 ) -> Result<Outcome> {
     campaign.settings.check_quantities(&campaign.folder)?;
+    let _lock = tools.take_turn(&campaign.folder_of(unit), say)?;
+    one_claimed(campaign, unit, anew, tools)
+}
+
+/// As [`one`], where the program that started this one has claimed the run's folder.
+///
+/// # Errors
+/// As [`one`].
+pub fn one_claimed(campaign: &Campaign, unit: Unit, anew: bool, tools: &Surroundings) -> Result<Outcome> {
     let folder = campaign.folder_of(unit);
-    let _lock = tools.take_turn(&folder, say)?;
     match record::state(&folder, &campaign.made_from(unit))? {
         State::Done(record) => return Ok(Outcome { record: *record, before: true }),
         State::Stale(what) if !anew => return Err(stale(&folder, &what)),

@@ -95,7 +95,7 @@ pub fn run(
         let (count, pool) = (units.len(), Mutex::new(Pool { left: units, begun: BTreeSet::new() }));
         let work = |_| {
             let unit = next(campaign, &mut pool.lock().unwrap_or_else(PoisonError::into_inner))?;
-            match made(campaign, unit, asked.anew, waits, tools) {
+            match made(campaign, unit, asked, waits, tools) {
                 Err(Error::Interrupted(_)) => None,
                 Err(e) => Some((unit, Ended::Failed(e.to_string()))),
                 Ok(ended) => Some((unit, ended)),
@@ -163,15 +163,22 @@ fn shard(units: Vec<Unit>, shard: Option<(usize, usize)>) -> Result<Vec<Unit>> {
     Ok(units.into_iter().enumerate().filter(|(i, _)| i % of == part - 1).map(|(_, unit)| unit).collect())
 }
 
-/// Makes one run in a process of its own.
-fn made(campaign: &Campaign, unit: Unit, anew: bool, waits: bool, tools: &Surroundings) -> Result<Ended> {
+/// Makes one run in a process of its own. Its folder is claimed here until that has ended: a claim of that process alone would come only when it has
+/// read the campaign, and another program would begin the same run before.
+fn made(campaign: &Campaign, unit: Unit, asked: Order, waits: bool, tools: &Surroundings) -> Result<Ended> {
     let folder = campaign.folder_of(unit);
-    // Another program that works there keeps it until it is done
-    match lock::folder(&folder) {
-        Ok(lock) => drop(lock),
-        Err(_) if folder.is_dir() && !waits => return Ok(Ended::Held),
-        Err(_) if waits => {}
+    let _lock = match lock::folder(&folder) {
+        Ok(lock) => lock,
+        Err(_) if waits => tools.take_turn(&folder, &mut |_| {})?,
+        // Another program that works there keeps it until it is done
+        Err(_) if folder.is_dir() => return Ok(Ended::Held),
         Err(e) => return Err(e),
+    };
+    // What another program has made of it meanwhile
+    match campaign.state(unit)? {
+        State::Done(record) => return Ok(Ended::Done(record)),
+        State::Failed(why) if waits || !asked.retry => return Ok(Ended::Failed(why)),
+        _ => {}
     }
     let program =
         std::env::current_exe().map_err(|e| Error::Input(format!("this program is not found: {e}")))?;
@@ -179,11 +186,12 @@ fn made(campaign: &Campaign, unit: Unit, anew: bool, waits: bool, tools: &Surrou
         program.display().to_string(),
         "campaign".into(),
         "one".into(),
+        "--claimed".into(),
         campaign.table.rows[unit.row].name.clone(),
     ];
     command.extend(["--store".into(), campaign.folder.display().to_string()]);
     command.extend(unit.check.then(|| "--check".into()));
-    command.extend(anew.then(|| "--anew".into()));
+    command.extend(asked.anew.then(|| "--anew".into()));
     // A program that is stopped here stops its own; its limit is that of each of its programs
     let tools = Surroundings { asks: true, timeout: std::time::Duration::MAX, ..tools.clone() };
     let done = tools.run(&folder, &command);
