@@ -268,16 +268,18 @@ runs m4gn campaign report --store ranks
 below "$(off "$(value ranks r01)" "$(value other r01)")" 0.006 "mean speed on two ranks against one"
 [ -z "$(ls -d ranks/runs/*/case/processor* 2> /dev/null)" ] || fail "folders of ranks are left"
 
-# An end that is a parameter is each run's own
-sed -i 's/^endTime .*/#include "<system>\/simulationParameters"\nendTime $stopAfter;/' cavity/system/controlDict
+# An end that is a parameter is each run's own, also where controlDict includes it from elsewhere in the case
+sed -i 's/^endTime .*/#include "$FOAM_CASE\/constant\/times"/' cavity/system/controlDict
+# shellcheck disable=SC2016  # names of OpenFOAM
+printf '#include "<system>/simulationParameters"\nendTime $stopAfter;\n' > cavity/constant/times
 runs m4gn campaign init cavity --out ends --parameter Ulid=1 --parameter n=20 --parameter stopAfter=0.1,0.2
 quantity ends 'stop = false'
 sed -i 's/^min_time = .*/min_time = 0/' ends/campaign.toml
 runs m4gn campaign run --store ends
 grep -q '"end_time": 0.1,' ends/runs/r01/done && grep -q '"end_time": 0.2,' ends/runs/r02/done ||
     fail "not each its own end: $(grep -h end_time ends/runs/*/done)"
-sed -i '/simulationParameters/d; s/^endTime .*/endTime 2;/' cavity/system/controlDict
-rm cavity/system/simulationParameters
+sed -i 's/^#include.*times"/endTime 2;/' cavity/system/controlDict
+rm cavity/constant/times cavity/system/simulationParameters
 
 # A flow that repeats itself: runs between others start from the cycles of these
 # shellcheck disable=SC2016  # names of OpenFOAM

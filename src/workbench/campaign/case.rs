@@ -9,6 +9,7 @@ use m4gn_base::{Error, Result, files};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
+use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 
 /// The file of a case that has a run's parameters.
@@ -79,7 +80,8 @@ pub struct Source {
 }
 
 impl Source {
-    /// Reads what `controlDict` says with these parameters, in a copy of `system` in `scratch`.
+    /// Reads what `controlDict` says with these parameters, in a copy of `system` in `scratch`, which is empty, beside links to the case's other
+    /// files.
     ///
     /// # Errors
     /// [`Error::File`] for a folder that is no case, and an entry that is missing.
@@ -92,6 +94,12 @@ impl Source {
             ));
         }
         copy_all(&folder.join("system"), &scratch.join("system"))?;
+        // What controlDict includes of the others, which are read alone
+        for name in names(folder)?.iter().filter(|name| *name != "system" && !is_left(name)) {
+            let link = scratch.join(name);
+            symlink(folder.join(name), &link)
+                .map_err(|e| Error::file(&link, format!("cannot be made: {e}")))?;
+        }
         write(&scratch.join(PARAMETERS), parameters)?;
         let copy = scratch.join("system/controlDict");
         let in_the_case = |e: Error| match e {
@@ -120,13 +128,20 @@ impl Source {
         let text = files::read_text(self.folder.join("system/controlDict")).unwrap_or_default();
         let text: String =
             text.lines().flat_map(|line| [line.split("//").next().unwrap_or_default(), "\n"]).collect();
+        // An include in a dictionary has no times
+        let mut depth = 0;
+        let includes = text.lines().any(|line| {
+            let at_top = depth == 0 && line.trim_start().starts_with("#include");
+            depth += line.matches('{').count() as i32 - line.matches('}').count() as i32;
+            at_top
+        });
         let is_number = |name: &str| {
             let values =
                 text.split(';').filter_map(|entry| entry.trim_end().rsplit_once(char::is_whitespace));
             let mut own = values.filter(|(before, _)| before.trim_end().ends_with(name)).peekable();
             own.peek().is_some() && own.all(|(_, value)| value.parse::<f64>().is_ok())
         };
-        is_number("startTime") && is_number("endTime")
+        !includes && is_number("startTime") && is_number("endTime")
     }
 
     /// Names in the case's folder that are copied: all but other times, and what runs have left.
@@ -134,10 +149,7 @@ impl Source {
         let mut found = names(&self.folder)?;
         found.retain(|name| match time(name) {
             Some(t) => t == self.start,
-            None => {
-                let left = name.starts_with("processor") || name.starts_with("log.") || name.starts_with('.');
-                !left && !LEFT_OUT.contains(&name.as_str())
-            }
+            None => !is_left(name),
         });
         found.sort();
         Ok(found)
@@ -277,6 +289,14 @@ pub fn write(path: &Path, text: &str) -> Result<()> {
     fs::write(path, text).map_err(|e| Error::file(path, format!("cannot be written: {e}")))
 }
 
+/// Whether what has this name in a case's folder is left by runs.
+fn is_left(name: &str) -> bool {
+    name.starts_with("processor")
+        || name.starts_with("log.")
+        || name.starts_with('.')
+        || LEFT_OUT.contains(&name)
+}
+
 /// Name and time of the folder of the last time in a run's case, if it is behind `start`.
 pub fn last_time(case: &Path, start: f64) -> Result<Option<(String, f64)>> {
     Ok(times(case)?.pop().filter(|(_, t)| *t > start))
@@ -344,9 +364,14 @@ mod tests {
         };
         assert!(fixed("endTime         2.5e1;"));
         assert!(fixed("endTime 2; // s"));
-        for end in
-            ["endTime $T;", "endTime #eval{ 20/$Uin };", "#include \"times\"", "endTime 2;\nendTime $T;"]
-        {
+        assert!(fixed("functions\n{\n    #include \"forces\"\n}\nendTime 2;"));
+        for end in [
+            "endTime $T;",
+            "endTime #eval{ 20/$Uin };",
+            "#include \"times\"",
+            "endTime 2;\nendTime $T;",
+            "endTime 2;\n#include \"times\"",
+        ] {
             assert!(!fixed(end), "{end}");
         }
     }

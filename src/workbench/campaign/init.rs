@@ -112,8 +112,7 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
         ));
     }
     let mut text = text(&source, &commands.prepare, ranks, &request.parameters, &quantities)?;
-    let (found, suggested) =
-        checked(&source, &text, &parameters(&table, &table.rows[0]), scratch.path(), tools)?;
+    let (found, suggested) = checked(&source, &text, &parameters(&table, &table.rows[0]), tools)?;
     notes.push(found);
     if let Some(entries) = suggested {
         text = text.replace(ENTRIES, &entries);
@@ -138,11 +137,11 @@ fn checked(
     source: &Source,
     text: &str,
     parameters: &str,
-    scratch: &Path,
     tools: &Surroundings,
 ) -> Result<(String, Option<String>)> {
+    let scratch = scratch()?;
     let settings: settings::Settings = toml::from_str(text).map_err(|e| Error::Internal(e.to_string()))?;
-    let copy = scratch.join("first").join(source.folder.file_name().unwrap_or("case".as_ref()));
+    let copy = scratch.path().join(source.folder.file_name().unwrap_or("case".as_ref()));
     let quick = Surroundings { timeout: Duration::from_secs(MESH_SECONDS), ..tools.clone() };
     let made = source
         .copy(&copy, &settings, parameters, true)
