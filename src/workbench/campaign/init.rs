@@ -4,9 +4,9 @@ use super::case::{PARAMETERS, Source, parameters};
 use super::quantities::{Entries, quantities};
 use super::sampling::{Method, Parameter, sample};
 use super::survey::{check_uses, commands};
-use super::{scratch, settings, table};
+use super::{check_apart, scratch, settings, table};
 use crate::check::{self, Case, Plan};
-use crate::generate::openfoam::{lies_in, plain_path};
+use crate::generate::openfoam::plain_path;
 use crate::generate::process::Surroundings;
 use crate::user_case::{entry, keywords};
 use m4gn_base::{Error, Result, files, refuse};
@@ -64,11 +64,7 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
             || "is there already: expected a folder without a campaign; edit that file, or choose another folder",
         )?;
     }
-    refuse(
-        lies_in(&out, &case),
-        |m| Error::file(&out, m),
-        || "lies in the case: expected a folder outside of it",
-    )?;
+    check_apart(&out, &case)?;
     refuse(
         request.parameters.is_empty(),
         Error::Input,

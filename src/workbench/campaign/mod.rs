@@ -32,10 +32,10 @@ pub use one::{Outcome, one, one_claimed};
 pub use report::{Report, report};
 pub use run::{Order, line, run, status};
 
-use crate::generate::openfoam::{environment, plain_path};
+use crate::generate::openfoam::{environment, lies_in, plain_path};
 use crate::generate::process::Surroundings;
 use case::{MadeFrom, Source};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use record::State;
 use settings::Settings;
 use start::Sister;
@@ -82,6 +82,12 @@ fn scratch() -> Result<tempfile::TempDir> {
     tempfile::tempdir().map_err(|e| Error::Input(format!("there is no place for temporary files: {e}")))
 }
 
+/// Refuses a folder of a campaign that would be copied into each run.
+fn check_apart(folder: &Path, case: &Path) -> Result<()> {
+    let inside = |m: String| Error::file(folder, m);
+    refuse(lies_in(folder, case), inside, || "lies in the case: expected a folder outside of it")
+}
+
 /// Refuses a run that would end before it starts.
 fn check_times(settings: &Settings, source: &Source, path: &Path) -> Result<()> {
     let end = settings.end_time.unwrap_or(source.end);
@@ -103,6 +109,7 @@ impl Campaign {
         let folder = plain_path(folder)?;
         let mut settings = Settings::read(&folder)?;
         settings.case = plain_path(&settings.case)?;
+        check_apart(&folder, &settings.case)?;
         let table = Table::read(&folder)?;
         let path = folder.join(settings::FILE);
         if let Some(scale) = settings.scale.as_ref().filter(|s| !table.parameters.contains(s)) {
@@ -219,6 +226,23 @@ impl Campaign {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_campaign_in_its_case_is_refused() {
+        static GO: AtomicU8 = AtomicU8::new(0);
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path().join("study");
+        std::fs::create_dir(&folder).unwrap();
+        std::fs::write(folder.join(settings::FILE), "case = \"..\"\nsolver = [\"icoFoam\"]\n").unwrap();
+        let mut tools = Surroundings {
+            stop: &GO,
+            timeout: Duration::from_secs(9),
+            asks: false,
+            environment: Vec::new(),
+        };
+        let message = Campaign::open(&folder, &mut tools).err().expect("it was opened").to_string();
+        assert!(message.contains("study: lies in the case"), "{message}");
+    }
 
     #[test]
     fn checks_that_are_there_count_though_rows_are_added() {

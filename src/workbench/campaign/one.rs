@@ -106,6 +106,14 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
     let asked = if unit.check { Start::Cold } else { settings.start };
     let plan = Plan::new(asked, &sisters);
     source.copy(case, settings, &case::parameters(&campaign.table, row), unit.check)?;
+    // The record says what was copied
+    if let Some(what) = campaign.source.digests()?.differs(&campaign.files) {
+        let folder = &campaign.source.folder;
+        return Err(Error::file(
+            folder,
+            format!("was changed since this program began: {what}. Give the command again"),
+        ));
+    }
     settings.prepare.iter().try_for_each(|command| limit(tools.run(case, command)))?;
     let mut cost = Cost { prepare: clock.lap()?, ..Cost::default() };
 
