@@ -96,7 +96,8 @@ impl Plan {
 
     /// Whether cycles are asked for, and on this mesh.
     fn cycles(&self, mesh: &str, sisters: &[Sister]) -> bool {
-        self.kinds.iter().any(|(kind, _)| *kind == Kind::Cycle)
+        !mesh.is_empty()
+            && self.kinds.iter().any(|(kind, _)| *kind == Kind::Cycle)
             && (sisters.is_empty() || sisters.iter().any(|s| s.record.mesh == mesh))
     }
 }

@@ -64,8 +64,8 @@ pub fn offset(from: &[f64], to: &[f64]) -> Vec<f64> {
     from.iter().zip(to).map(|(a, b)| b - a).collect()
 }
 
-/// Puts the fields that a run is to start from into the first time of its case, whose mesh has this digest. `sisters`: nearest first. `scale`: the
-/// parameter that is a velocity, and its value.
+/// Puts the fields that a run is to start from into the first time of its case, whose mesh has this digest ([`mesh`]). `sisters`: nearest first.
+/// `scale`: the parameter that is a velocity, and its value.
 ///
 /// A start that cannot be had is followed by the next one, at last the case's own, with a note that says why.
 ///
@@ -80,7 +80,11 @@ pub fn make(
 ) -> Result<Started> {
     let far = sisters.first().map(Sister::far);
     let mut notes = Vec::new();
-    for (kind, why) in &plan.kinds {
+    let kinds: &[(Kind, Option<String>)] = if own.is_empty() { &[] } else { &plan.kinds };
+    if kinds.len() < plan.kinds.len() {
+        notes.push("the case has no constant/polyMesh: runs of several regions are cold".to_string());
+    }
+    for (kind, why) in kinds {
         let made = match (kind, sisters) {
             (Kind::Cycle, _) => cycles((case, own), sisters, scale),
             (Kind::Nearest, [sister, ..]) => nearest((case, own), sister, scale, tools).map(Some),
@@ -226,12 +230,15 @@ pub(super) fn ratio(scale: Scale<'_>, sister: &Record) -> Result<f64> {
     }
 }
 
-/// Digest of a case's mesh.
+/// Digest of a case's mesh; empty: it has none, or one for each of its regions.
 ///
 /// # Errors
 /// [`Error::File`] for a mesh that cannot be read.
 pub fn mesh(case: &Path) -> Result<String> {
     let folder = case.join("constant/polyMesh");
+    if !folder.is_dir() {
+        return Ok(String::new());
+    }
     let mut files = names(&folder)?;
     files.retain(|n| {
         ["points", "faces", "owner", "neighbour", "boundary"].iter().any(|f| n.trim_end_matches(".gz") == *f)
@@ -281,14 +288,17 @@ pub(super) mod tests {
             environment: Vec::new(),
         };
         let dir = tempfile::tempdir().unwrap();
-        let of = |sisters: &[Sister], start: Start| {
-            let case = (dir.path(), "another mesh");
+        let of_mesh = |mesh: &str, sisters: &[Sister], start: Start| {
+            let case = (dir.path(), mesh);
             make(&Plan::new(start, sisters), case, sisters, Some(("U", "2")), &tools).unwrap()
         };
+        let of = |sisters: &[Sister], start: Start| of_mesh("another mesh", sisters, start);
         let none = of(&[], Start::Nearest);
         assert_eq!((none.kind.as_str(), none.note.as_deref()), ("cold", Some("no sister is finished")));
         assert_eq!(of(&[], Start::Cold).note, None);
         let zero = of(&[at(0.0, "cold", 1.0, None)], Start::Nearest);
         assert!(zero.note.unwrap().contains("scale = \"U\": expected numbers other than 0, found 2 and 0"));
+        let regions = of_mesh(&mesh(dir.path()).unwrap(), &[at(1.0, "cold", 1.0, None)], Start::Nearest);
+        assert!(regions.kind == "cold" && regions.note.unwrap().contains("several regions"));
     }
 }
