@@ -55,9 +55,11 @@ impl Copy {
             original,
             own: Vec::new(),
         };
-        copy_all(&copy.original.join("system"), &copy.folder.join("system"))?;
+        let system = copy.folder.join("system");
+        copy_all(&copy.original.join("system"), &system)?;
+        let mut named = Named::new(&copy, &real, beside)?;
         // What controlDict includes from elsewhere in the case, before it is read
-        copy.take_named(&real, beside)?;
+        named.follow(vec![system])?;
         let Some(application) = copy.entry("application", tools)? else {
             return Err(Error::file(
                 copy.control(),
@@ -65,9 +67,9 @@ impl Copy {
             ));
         };
         copy.application = application;
-        if let Some(Start { time, ranks }) = start {
+        let taken = if let Some(Start { time, ranks }) = start {
             copy.ranks = ranks;
-            copy.take(|name, t, [first, _]| name == time || t == first)?;
+            copy.take(|name, t, [first, _]| name == time || t == first)?
         } else {
             let start = copy.entry("startTime", tools)?.and_then(|t| t.parse().ok()).unwrap_or(0.0);
             let processors =
@@ -75,9 +77,9 @@ impl Copy {
             if processors > 0 && !has_mesh(&copy.original) {
                 copy.ranks = processors;
             }
-            copy.take(starts_or_ends(start))?;
-        }
-        copy.take_named(&real, beside)?;
+            copy.take(starts_or_ends(start))?
+        };
+        named.follow(taken)?;
         copy.find_own(tools)?;
         copy.complete(tools)?;
         Ok(copy)
@@ -99,8 +101,10 @@ impl Copy {
         entry(&self.folder, &self.control(), name, tools)
     }
 
-    /// What a run reads: its dictionaries, and those times, by name and the first and the last time, that it wants.
-    fn take(&self, wants: impl Fn(&str, f64, [f64; 2]) -> bool) -> Result<()> {
+    /// Copies what a run reads, its dictionaries, and those times, by name and the first and the last time, that it wants, but for what is copied already.
+    /// Returns the copies.
+    fn take(&self, wants: impl Fn(&str, f64, [f64; 2]) -> bool) -> Result<Vec<PathBuf>> {
+        let mut copies = Vec::new();
         let processors = (0..self.ranks).map(|i| format!("processor{i}"));
         for part in std::iter::once(String::new()).chain(processors) {
             let (from, to) = (self.original.join(&part), self.folder.join(&part));
@@ -112,37 +116,14 @@ impl Copy {
                     Some(t) => wants(name, t, ends),
                     None => name == "constant" || name.ends_with(".orig"),
                 };
-                if wanted {
-                    copy_all(&from.join(name), &to.join(name))?;
+                let copy = to.join(name);
+                if wanted && !copy.exists() {
+                    copy_all(&from.join(name), &copy)?;
+                    copies.push(copy);
                 }
             }
         }
-        Ok(())
-    }
-
-    /// Other files and folders of the case, and what lies beside it, where its files name them.
-    fn take_named(&self, real: &Path, beside: &Path) -> Result<()> {
-        let parent = real.parent().unwrap_or(real);
-        let own =
-            |name: &str| time(name).is_none() && !name.starts_with("processor") && !LEFT_OUT.contains(&name);
-        let mut missing: Vec<(PathBuf, PathBuf, String)> = Vec::new();
-        for name in names(&self.original)?.into_iter().filter(|n| own(n)) {
-            missing.push((self.original.join(&name), self.folder.join(&name), name));
-        }
-        for name in names(parent).unwrap_or_default() {
-            if Some(name.as_ref()) != real.file_name() {
-                missing.push((parent.join(&name), beside.join(&name), format!("../{name}")));
-            }
-        }
-        missing.retain(|(_, to, _)| !to.exists());
-        let mut texts = Vec::new();
-        read_all(&self.folder, &mut texts);
-        while let Some(at) = missing.iter().position(|(.., name)| texts.iter().any(|t| mentions(t, name))) {
-            let (from, to, _) = missing.swap_remove(at);
-            copy_all(&from, &to)?;
-            read_all(&to, &mut texts);
-        }
-        Ok(())
+        Ok(copies)
     }
 
     /// Which of the user's function objects are m4gn's.
@@ -230,6 +211,43 @@ impl Copy {
     }
 }
 
+/// Files and folders of a case, and what lies beside it, that are copied where a copied file names them: from where, to where, and the name.
+struct Named(Vec<(PathBuf, PathBuf, String)>);
+
+impl Named {
+    fn new(copy: &Copy, real: &Path, beside: &Path) -> Result<Self> {
+        let parent = real.parent().unwrap_or(real);
+        let own =
+            |name: &str| time(name).is_none() && !name.starts_with("processor") && !LEFT_OUT.contains(&name);
+        let mut all: Vec<(PathBuf, PathBuf, String)> = Vec::new();
+        for name in names(&copy.original)?.into_iter().filter(|n| own(n)) {
+            all.push((copy.original.join(&name), copy.folder.join(&name), name));
+        }
+        for name in names(parent).unwrap_or_default() {
+            if Some(name.as_ref()) != real.file_name() {
+                all.push((parent.join(&name), beside.join(&name), format!("../{name}")));
+            }
+        }
+        Ok(Named(all))
+    }
+
+    /// Copies what the files below these paths name, and what those name. Each path is read once.
+    fn follow(&mut self, mut paths: Vec<PathBuf>) -> Result<()> {
+        while let Some(path) = paths.pop() {
+            let mut texts = Vec::new();
+            read_all(&path, &mut texts);
+            let is_named = |name: &str| texts.iter().any(|t| mentions(t, name));
+            let (named, others): (Vec<_>, Vec<_>) = self.0.drain(..).partition(|(.., name)| is_named(name));
+            self.0 = others;
+            for (from, to, _) in named.into_iter().filter(|(_, to, _)| !to.exists()) {
+                copy_all(&from, &to)?;
+                paths.push(to);
+            }
+        }
+        Ok(())
+    }
+}
+
 /// The first and the last time, and one that a run starts from.
 fn starts_or_ends(start: f64) -> impl Fn(&str, f64, [f64; 2]) -> bool {
     move |_, t, ends| ends.contains(&t) || (t - start).abs() <= 1e-9 * start.abs()
@@ -262,6 +280,15 @@ mod tests {
         (dir, copy)
     }
 
+    /// Copies the case and what its files name.
+    fn take(copy: &Copy, beside: &Path) {
+        let system = copy.folder.join("system");
+        copy_all(&copy.original.join("system"), &system).unwrap();
+        let mut copies = copy.take(starts_or_ends(0.0)).unwrap();
+        copies.push(system);
+        Named::new(copy, &copy.original, beside).unwrap().follow(copies).unwrap();
+    }
+
     /// Whether any path below leads out of it.
     fn leads_out(folder: &Path) -> bool {
         names(folder)
@@ -287,9 +314,7 @@ mod tests {
         symlink("../../mesh/points", from.join("constant/points")).unwrap();
         symlink("..", from.join("constant/round")).unwrap();
         symlink("nowhere", from.join("constant/dangling")).unwrap();
-        copy_all(&from.join("system"), &copy.folder.join("system")).unwrap();
-        copy.take(starts_or_ends(0.0)).unwrap();
-        copy.take_named(from, &dir.path().join("beside")).unwrap();
+        take(&copy, &dir.path().join("beside"));
         assert!(!leads_out(&copy.folder));
         let at = |name: &str| copy.folder.join(name);
         assert!(!at("log.icoFoam").exists() && !at("constant/dangling").exists());
@@ -318,9 +343,7 @@ mod tests {
             fs::write(study.join(name), text).unwrap();
         }
         let beside = dir.path().join("beside");
-        copy_all(&copy.original.join("system"), &copy.folder.join("system")).unwrap();
-        copy.take(starts_or_ends(0.0)).unwrap();
-        copy.take_named(&copy.original, &beside).unwrap();
+        take(&copy, &beside);
         let there = |name: &str| beside.join(name).exists();
         assert!(there("shared") && there("deeper") && !there("other"));
         assert!(there("case/inlet.csv") && !there("case/notes.csv"));
