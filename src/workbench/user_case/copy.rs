@@ -137,8 +137,8 @@ impl Copy {
         Ok(())
     }
 
-    /// Makes what a run needs and the case does not have yet: the first fields of a tutorial, and a mesh, by the commands of its `Allrun` before
-    /// the solver, else by `blockMesh`.
+    /// Makes what a run needs and the case does not have yet: the first fields of a tutorial, and a mesh, by the commands of its `Allrun.pre`
+    /// and its `Allrun` before the solver, else by `blockMesh`.
     fn complete(&mut self, tools: &Surroundings) -> Result<()> {
         let at = |name: &str| self.folder.join(name);
         if !at("0").exists() && at("0.orig").is_dir() && self.ranks == 0 {
@@ -150,7 +150,8 @@ impl Copy {
         }
         // What a path may lead to lies in the copy.
         let stays = |c: &Vec<String>| !c.iter().any(|word| word.contains("..") || word.starts_with('/'));
-        let script = files::read_text(self.original.join("Allrun")).unwrap_or_default();
+        let read = |name: &str| files::read_text(self.original.join(name)).unwrap_or_default();
+        let script = ["Allrun.pre", "Allrun"].map(read).join("\n");
         let mut commands = of_script(&script, &self.application).prepare;
         commands.retain(stays);
         if commands.is_empty() {

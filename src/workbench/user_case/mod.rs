@@ -83,9 +83,10 @@ pub(crate) fn averages(case: &Path, name: &str, log: &Path) -> Result<(PathBuf, 
 
 /// Whether a case has a mesh.
 pub(crate) fn has_mesh(case: &Path) -> bool {
-    ["faces", "faces.gz"].iter().any(|f| case.join("constant/polyMesh").join(f).exists())
-        // Of several regions each has its own
-        || fs::read_dir(case.join("constant")).into_iter().flatten().flatten().any(|e| e.path().join("polyMesh/faces").exists())
+    let has = |folder: &Path| ["faces", "faces.gz"].iter().any(|f| folder.join("polyMesh").join(f).exists());
+    let constant = case.join("constant");
+    // Of several regions each has its own
+    has(&constant) || fs::read_dir(&constant).into_iter().flatten().flatten().any(|e| has(&e.path()))
 }
 
 /// Names of all that a folder has.
@@ -176,6 +177,16 @@ mod tests {
             let found = fs::metadata(to.join(name)).unwrap().permissions().mode();
             assert_eq!(found & 0o700, copied, "{name}");
         }
+    }
+
+    #[test]
+    fn a_mesh_may_be_a_region_s_and_compressed() {
+        let dir = tempfile::tempdir().unwrap();
+        let mesh = dir.path().join("constant/air/polyMesh");
+        fs::create_dir_all(&mesh).unwrap();
+        assert!(!has_mesh(dir.path()));
+        fs::write(mesh.join("faces.gz"), "").unwrap();
+        assert!(has_mesh(dir.path()));
     }
 
     #[test]

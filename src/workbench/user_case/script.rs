@@ -18,9 +18,11 @@ const OF_SCRIPTS: [&str; 9] =
 /// The commands of a script up to the solver `application`.
 pub(crate) fn of_script(script: &str, application: &str) -> Commands {
     let mut found = Commands::default();
-    for line in script.lines().map(str::trim) {
+    // A line that goes on is one
+    for line in script.replace("\\\n", " ").lines().map(str::trim) {
+        let all = words(line);
         let mut words: Vec<&str> =
-            line.split_whitespace().take_while(|w| !w.starts_with(['#', '>'])).collect();
+            all.iter().map(String::as_str).take_while(|w| !w.starts_with(['#', '>'])).collect();
         let Some(&first) = words.first() else { continue };
         let copies = ["cp", "\\cp"].contains(&first) && words.len() > 2;
         if copies && !line.contains(['$', '*', ';', '|', '&', '(', '"', '\'', '>', '{']) {
@@ -50,10 +52,30 @@ pub(crate) fn of_script(script: &str, application: &str) -> Commands {
         match program {
             "decomposePar" | "" => found.parallel |= program == "decomposePar",
             "reconstructPar" => {}
+            // What it does is told by itself
+            "./Allrun.pre" => {}
             _ => found.prepare.push(words.iter().map(|w| w.to_string()).collect()),
         }
     }
     found
+}
+
+/// The words of a line; blanks within quotes are of a word.
+fn words(line: &str) -> Vec<String> {
+    let (mut words, mut word, mut quote) = (Vec::new(), None::<String>, None);
+    for c in line.chars() {
+        match quote {
+            Some(q) if c == q => quote = None,
+            None if c == '"' || c == '\'' => {
+                quote = Some(c);
+                word.get_or_insert_default();
+            }
+            None if c.is_whitespace() => words.extend(word.take()),
+            _ => word.get_or_insert_default().push(c),
+        }
+    }
+    words.extend(word);
+    words
 }
 
 #[cfg(test)]
@@ -72,6 +94,8 @@ mod tests {
             vec!["topoSet".into(), "-dict".into(), "system/a".into()],
         ];
         assert_eq!(found, Commands { prepare: expected, parallel: true, unknown: vec!["mv a b".into()] });
+        let quoted = of_script("runApplication transformPoints \\\n    -scale '(2 1 1)' # m\n", "icoFoam");
+        assert_eq!(quoted.prepare, [["transformPoints", "-scale", "(2 1 1)"]]);
         assert!(!of_script("runApplication icoFoam\nrunApplication foamToVTK\n", "icoFoam").parallel);
     }
 }
