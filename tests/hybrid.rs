@@ -193,6 +193,14 @@ fn a_patch_along_a_flow_from_rest_is_refused_before_the_variants() {
 #[test]
 fn solids_are_compared_by_their_displacement() {
     let dir = tempfile::tempdir().unwrap();
+    // Without a model the family's plain solvers are left
+    let none = Command::new(env!("CARGO_BIN_EXE_m4gn"))
+        .env("M4GN_HOME", HOME)
+        .args("hybrid --family vibrating-beam --baseline none --out".split(' '))
+        .arg(dir.path().join("none"))
+        .output()
+        .unwrap();
+    assert!(text(&none).contains("nothing is run of family vibrating-beam beside the full"), "{}", text(&none));
     let json = dir.path().join("f.json");
     let run = Command::new(env!("CARGO_BIN_EXE_m4gn"))
         .env("M4GN_HOME", HOME)

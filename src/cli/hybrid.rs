@@ -167,9 +167,9 @@ fn plan(args: &Args) -> Result<Plan> {
     }
     let kinds = (model.is_some(), args.answers);
     let variants = variants(&family, &schedule, kinds, &args.variant, &args.baseline)?;
-    if !variants.iter().any(|v| matches!(v.kind, Kind::Hybrid { .. })) {
+    if variants.is_empty() {
         return Err(Error::Input(format!(
-            "family {}: expected --model: it is not of flows, and no other surrogate is run of it",
+            "nothing is run of family {} beside the full solver: expected --model, --variant or --baseline",
             family.name
         )));
     }
