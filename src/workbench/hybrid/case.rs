@@ -287,10 +287,8 @@ impl Job<'_> {
     fn stretches(&self, index: u64, name: &str) -> Vec<PathBuf> {
         let begin = format!("{}-{index:04}-{name}-", self.plan.seed);
         let folder = self.plan.stretches.iter().filter_map(|f| std::fs::read_dir(f).ok());
-        let files = folder.flatten().flatten().filter(|e| {
-            let name = e.file_name();
-            name.to_str().is_some_and(|n| n.starts_with(&begin) && n.ends_with(".h5"))
-        });
+        let of_run = |e: &std::fs::DirEntry| e.file_name().to_str().is_some_and(|n| is_stretch(n, &begin));
+        let files = folder.flatten().flatten().filter(of_run);
         let mut files: Vec<PathBuf> = files.map(|e| e.path()).collect();
         files.sort();
         files
@@ -350,8 +348,25 @@ impl Job<'_> {
     }
 }
 
+/// Whether a file is the recording of a run whose files begin so, `BEGINTIME.h5`. The name of a variant may begin with that of another.
+fn is_stretch(name: &str, begin: &str) -> bool {
+    let time = name.strip_prefix(begin).and_then(|rest| rest.strip_suffix(".h5"));
+    time.is_some_and(|time| time.parse::<f64>().is_ok())
+}
+
 /// Whether a function object's entries have the dictionary `control`.
 fn controlled(entries: &str) -> bool {
     let mut words = entries.split(|c: char| c.is_whitespace() || "{};".contains(c));
     words.any(|word| word == "control")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_stretch;
+
+    #[test]
+    fn stretches_are_of_one_run() {
+        let names = ["7-0000-dmd-0.55.h5", "7-0000-dmd-loose-0.55.h5", "7-0000-dmd-0.55-killed.h5"];
+        assert_eq!(names.map(|name| is_stretch(name, "7-0000-dmd-")), [true, false, false]);
+    }
 }
