@@ -169,8 +169,11 @@ fn compare(
 
 /// Values of a field at the cells, of a vector its solved components, and whether it is a scalar.
 fn field(case: &mut FoamCase, name: &str, time: usize) -> Result<(Vec<f64>, bool)> {
-    if let Ok(values) = case.scalar_field(name, time) {
-        return Ok((values, true));
+    match case.scalar_field(name, time) {
+        Ok(values) => return Ok((values, true)),
+        // It is a scalar
+        Err(Error::Numerical(e)) => return Err(Error::Numerical(e)),
+        Err(_) => {}
     }
     let directions = case.description().directions.clone();
     let values = case.vector_field(name, time)?;

@@ -72,7 +72,8 @@ impl Run<'_> {
         for part in copy.parts() {
             let uniform = part.join(from).join("uniform");
             let kept = uniform.join("functionObjects/functionObjectProperties");
-            if !kept.is_file() {
+            // Compressed where the case's files are
+            if !kept.is_file() && !kept.with_extension("gz").is_file() {
                 continue;
             }
             let step = entry(&copy.folder, &kept, &format!("{}/solverDeltaT", self.name), self.tools)?;
