@@ -88,17 +88,18 @@ struct Candidate {
     /// Square of the tail's error over that of holding.
     score: f64,
     shape: Tried,
-    length: usize,
+    /// Number of its snapshots in the list of those that were looked at.
+    last: usize,
     /// Weights of the snapshots for each of the tail.
     predictions: Vec<Vec<f64>>,
 }
 
 impl Candidate {
     /// Of states that are all the same: the tail is the mean of those before.
-    fn still(length: usize, tail: usize) -> Self {
+    fn still(last: usize, length: usize, tail: usize) -> Self {
         let first = length - tail;
         let shape = Tried::Free(Shape { delays: 1, rank: 0, growing: false });
-        Candidate { score: 0.0, shape, length, predictions: vec![vec![1.0 / first as f64; first]; tail] }
+        Candidate { score: 0.0, shape, last, predictions: vec![vec![1.0 / first as f64; first]; tail] }
     }
 }
 
@@ -151,12 +152,15 @@ pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings, least: &[f64
     let gap = numbers.windows(2).rposition(|p| p[1] - p[0] != 1).map_or(0, |i| i + 1);
     let stretch = numbers.len() - gap;
     let mut best: Option<Candidate> = None;
+    let mut all: Vec<Last> = Vec::new();
     for length in lengths(stretch, settings).into_iter().filter(|_| stretch >= settings.min_snapshots) {
-        let last = Last::new(snapshots, length, least);
+        let place = all.len();
+        all.push(Last::new(snapshots, length, least));
+        let last = &all[place];
         let (whole, variation) = (&last.whole, &last.variation);
         if whole.is_still() {
             let moved = variation.iter().any(|v| *v > 0.0);
-            best = moved.then(|| Candidate::still(length, settings.hold_out));
+            best = moved.then(|| Candidate::still(place, length, settings.hold_out));
             break;
         }
         let first = length - settings.hold_out;
@@ -182,7 +186,7 @@ pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings, least: &[f64
                     if let Some(dmd) = delayed.modes(rank, growing) {
                         let shape = Tried::Free(Shape { delays, rank, growing });
                         let scored = score(whole, &dmd, settings.hold_out);
-                        better(&mut best, scored, scale, (shape, length));
+                        better(&mut best, scored, scale, (shape, place));
                     }
                 }
             }
@@ -191,10 +195,14 @@ pub(crate) fn choose(snapshots: &Snapshots, settings: &FitSettings, least: &[f64
     let length = numbers.len().min(settings.window);
     if best.as_ref().is_none_or(|b| b.score > 0.0) && length >= settings.min_snapshots.max(DRIVEN_LEAST) {
         let tail = settings.hold_out.max(DRIVEN_TAIL);
-        driven(&Last::new(snapshots, length, least), stretch.min(length), tail, &mut best);
+        let place = all.iter().position(|last| last.numbers.len() == length).unwrap_or(all.len());
+        if place == all.len() {
+            all.push(Last::new(snapshots, length, least));
+        }
+        driven((&all[place], place), stretch.min(length), tail, &mut best);
     }
-    let Candidate { shape, length, predictions, .. } = best?;
-    let last = Last::new(snapshots, length, least);
+    let Candidate { shape, last, predictions, .. } = best?;
+    let last = all.swap_remove(last);
     let model = last.model(shape)?;
     let Last { numbers, slots, variation, .. } = last;
     let mut least = least.to_vec();
@@ -216,17 +224,17 @@ fn better(
     best: &mut Option<Candidate>,
     (sum, predictions): (f64, Vec<Vec<f64>>),
     scale: f64,
-    (shape, length): (Tried, usize),
+    (shape, last): (Tried, usize),
 ) {
     let score = (sum * scale).max(SAME * SAME);
     if best.as_ref().is_none_or(|b| score < BETTER * BETTER * b.score) {
-        *best = Some(Candidate { score, shape, length, predictions });
+        *best = Some(Candidate { score, shape, last, predictions });
     }
 }
 
 /// The candidates with inputs, where they vary: of all states that are kept, since few that follow each other are enough. `stretch`: those
 /// without a gap at the end.
-fn driven(last: &Last, stretch: usize, tail: usize, best: &mut Option<Candidate>) {
+fn driven((last, place): (&Last, usize), stretch: usize, tail: usize, best: &mut Option<Candidate>) {
     let length = last.whole.len();
     let first = length - tail;
     let (whole, Some(inputs)) = (&last.whole, &last.inputs) else { return };
@@ -239,7 +247,7 @@ fn driven(last: &Last, stretch: usize, tail: usize, best: &mut Option<Candidate>
                 let shape = DrivenShape { delays, rank, products };
                 let fit = split.fit(shape);
                 if let Some(scored) = fit.and_then(|fit| driven_score(whole, inputs, &fit, tail)) {
-                    better(best, scored, scale, (Tried::Driven(shape), length));
+                    better(best, scored, scale, (Tried::Driven(shape), place));
                 }
             }
         }
