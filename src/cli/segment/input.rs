@@ -1,5 +1,6 @@
 //! Where the mesh comes from, and where segments and modes go.
 
+use m4gn_base::plugin::{folder_variable, homes};
 use m4gn_base::settings;
 use m4gn_base::{Error, Result};
 use m4gn_data as dataset;
@@ -123,8 +124,9 @@ impl Input {
         else {
             return Ok(None);
         };
-        // As the function object looks for it.
-        let homes = m4gn_base::plugin::homes().into_iter().flat_map(|home| [home.join("models"), home]);
+        // As the function object looks for it: M4GN_HOME, where that is set, is the only home
+        let homes = folder_variable("M4GN_HOME").map_or_else(homes, |home| vec![home]);
+        let homes = homes.into_iter().flat_map(|home| [home.join("models"), home]);
         let case = match self {
             Input::Case(case) => PathBuf::from(&case.description().path),
             Input::Data(_) => return Ok(None),
