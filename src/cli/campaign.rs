@@ -4,7 +4,9 @@ use super::stop_flag;
 use m4gn_base::{Error, Result};
 use m4gn_workbench::campaign::sampling::{Method, Parameter};
 use m4gn_workbench::campaign::{self, Campaign, Order, Request};
+use m4gn_workbench::generate::openfoam::surroundings;
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// Make runs of a case over its parameters, each of which starts from its sisters and ends when its figures are known
 ///
@@ -130,7 +132,7 @@ fn shard(text: &str) -> std::result::Result<(usize, usize), String> {
 /// # Errors
 /// What is wrong with the campaign or the case; runs that failed, after all others.
 pub fn run(args: Args) -> Result<()> {
-    let mut tools = campaign::surroundings(stop_flag()?)?;
+    let mut tools = surroundings(stop_flag()?, Duration::from_secs(86_400))?;
     let mut say = |line: &str| println!("{line}");
     match args.verb {
         Verb::Init(args) => {

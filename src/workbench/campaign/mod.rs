@@ -32,7 +32,7 @@ pub use one::{Outcome, one, one_claimed};
 pub use report::{Report, report};
 pub use run::{Order, line, run, status};
 
-use crate::generate::openfoam::{environment, lies_in, plain_path};
+use crate::generate::openfoam::{environment, lies_in, plain_path, scratch};
 use crate::generate::process::Surroundings;
 use case::{MadeFrom, Source};
 use m4gn_base::{Error, Result, refuse};
@@ -40,7 +40,6 @@ use record::State;
 use settings::Settings;
 use start::Sister;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicU8;
 use std::time::Duration;
 use table::{Row, Table};
 
@@ -64,22 +63,6 @@ pub struct Unit {
     pub row: usize,
     /// Whether it is the one that is made cold and plain and to the end.
     pub check: bool,
-}
-
-/// Conditions of the programs of a campaign.
-///
-/// # Errors
-/// [`Error::Input`] that names programs that are not in PATH.
-pub fn surroundings(stop: &'static AtomicU8) -> Result<Surroundings> {
-    let mut environment = environment(&["foamDictionary"])?;
-    // A solver of more ranks than there are cores is slow, and not refused
-    environment.push(("OMPI_MCA_rmaps_base_oversubscribe".into(), "1".into()));
-    Ok(Surroundings { stop, timeout: Duration::from_secs(86_400), asks: false, environment })
-}
-
-/// A folder of its own, which goes with what is returned.
-fn scratch() -> Result<tempfile::TempDir> {
-    tempfile::tempdir().map_err(|e| Error::Input(format!("there is no place for temporary files: {e}")))
 }
 
 /// Refuses a folder of a campaign that would be copied into each run.
@@ -226,6 +209,7 @@ impl Campaign {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::atomic::AtomicU8;
 
     #[test]
     fn a_campaign_in_its_case_is_refused() {

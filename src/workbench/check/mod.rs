@@ -9,7 +9,7 @@ pub use report::{Patch, Report, Suggestion, WINDOW};
 use crate::decisions::{self, Decision};
 use crate::generate::case::{Times, program};
 use crate::generate::family::{self, Family};
-use crate::generate::openfoam::{absolute, environment, plain_path};
+use crate::generate::openfoam::{absolute, environment, plain_path, scratch, surroundings};
 use crate::generate::parameter::Settings;
 use crate::generate::process::{Surroundings, excerpt};
 use crate::user_case::{Copy, log};
@@ -138,18 +138,10 @@ pub struct Checked {
 /// # Errors
 /// What keeps the solver from being run at all: files that are missing, programs that are not there.
 pub fn run(plan: &Plan) -> Result<Checked> {
-    let folder = tempfile::tempdir()
-        .map_err(|e| Error::Input(format!("there is no place for a copy of the case: {e}")))?;
-    let folder = plain_path(folder.path()).map(|path| (folder, path))?;
-    let room = &folder.1;
-    let mut tools = Surroundings {
-        stop: plan.stop,
-        // Reading the mesh, a first step and making the surrogate come before the function object can end the run.
-        timeout: Duration::from_secs(20 * plan.seconds + 120),
-        asks: false,
-        environment: environment(&["foamDictionary"])?,
-    };
-    tools.environment.push(("OMPI_MCA_rmaps_base_oversubscribe".into(), "1".into()));
+    let folder = scratch()?;
+    let room = &plain_path(folder.path())?;
+    // Reading the mesh, a first step and making the surrogate come before the function object can end the run.
+    let tools = surroundings(plan.stop, Duration::from_secs(20 * plan.seconds + 120))?;
     let (case, place) = match &plan.case {
         Case::Folder(case) => (case.clone(), ""),
         Case::Family(family) => {

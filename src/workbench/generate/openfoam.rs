@@ -1,10 +1,12 @@
 //! What OpenFOAM's tools need to run: programs in PATH, our libraries, a folder that OpenFOAM can work in.
 
-use super::process::find_program;
+use super::process::{Surroundings, find_program};
 use m4gn_base::plugin::{find, folder_variable, places};
 use m4gn_base::{Error, Result};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicU8;
+use std::time::Duration;
 
 /// Where Debian's package keeps OpenFOAM's `etc`.
 const DEBIAN_OPENFOAM: &str = "/usr/share/openfoam";
@@ -35,6 +37,28 @@ pub fn environment(programs: &[&str]) -> Result<Vec<(String, OsString)>> {
         variables.push(("WM_PROJECT_DIR".to_string(), DEBIAN_OPENFOAM.into()));
     }
     Ok(variables)
+}
+
+/// Conditions of programs of a case that is any user's: a solver of more ranks than there are cores is slow, and not refused.
+///
+/// # Errors
+/// As [`environment`] of `foamDictionary`.
+pub fn surroundings(stop: &'static AtomicU8, timeout: Duration) -> Result<Surroundings> {
+    let mut environment = environment(&["foamDictionary"])?;
+    environment.push(("OMPI_MCA_rmaps_base_oversubscribe".into(), "1".into()));
+    Ok(Surroundings { stop, timeout, asks: false, environment })
+}
+
+/// A folder of its own, which goes with what is returned.
+///
+/// # Errors
+/// [`Error::Input`] where there is no place for it.
+pub fn scratch() -> Result<tempfile::TempDir> {
+    tempfile::tempdir().map_err(|e| {
+        Error::Input(format!(
+            "there is no place for temporary files: {e}; TMPDIR says where copies of cases go"
+        ))
+    })
 }
 
 /// One thread a program: several cases run at once.

@@ -10,8 +10,7 @@ pub use jumps::Jump;
 pub use report::{Report, Verified};
 
 use crate::foam_case::FoamCase;
-use crate::generate::openfoam::{environment, lies_in, plain_path};
-use crate::generate::process::Surroundings;
+use crate::generate::openfoam::{lies_in, plain_path, scratch, surroundings};
 use crate::generate::queue::in_parallel;
 use crate::user_case::{Copy, LEFT_OUT, copy_all, names};
 use jumps::Stretch;
@@ -52,13 +51,7 @@ struct Figures {
 /// [`Error::Input`] and [`Error::File`] for a folder that is no finished run with jumps, or that cannot be copied; [`Error::Interrupted`].
 pub fn run(plan: &Plan, mut progress: impl FnMut(usize, usize)) -> Result<Report> {
     let case = plain_path(&plan.case)?;
-    let mut tools = Surroundings {
-        stop: plan.stop,
-        timeout: plan.timeout,
-        asks: false,
-        environment: environment(&["foamDictionary"])?,
-    };
-    tools.environment.push(("OMPI_MCA_rmaps_base_oversubscribe".into(), "1".into()));
+    let tools = surroundings(plan.stop, plan.timeout)?;
     let (name, decisions) = jumps::decisions(&case)?;
     let mut all: Vec<Verified> =
         jumps::jumps(&decisions)?.into_iter().map(|jump| Verified { jump, ..Verified::default() }).collect();
@@ -74,8 +67,7 @@ pub fn run(plan: &Plan, mut progress: impl FnMut(usize, usize)) -> Result<Report
     let times = solver.times()?;
     let values: Vec<f64> = times.iter().map(|t| t.1).collect();
     let stretches = stretches(&mut all, &values);
-    let room = tempfile::tempdir()
-        .map_err(|e| Error::Input(format!("there is no place for copies of the case: {e}")))?;
+    let room = scratch()?;
     let room_path = plain_path(room.path())?;
     let kept = plan.keep.as_deref().map(|keep| Kept::new(&case, keep)).transpose()?;
 
