@@ -200,7 +200,11 @@ fn solids_are_compared_by_their_displacement() {
         .arg(dir.path().join("none"))
         .output()
         .unwrap();
-    assert!(text(&none).contains("nothing is run of family vibrating-beam beside the full"), "{}", text(&none));
+    assert!(
+        text(&none).contains("nothing is run of family vibrating-beam beside the full"),
+        "{}",
+        text(&none)
+    );
     let json = dir.path().join("f.json");
     let run = Command::new(env!("CARGO_BIN_EXE_m4gn"))
         .env("M4GN_HOME", HOME)

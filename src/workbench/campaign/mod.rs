@@ -218,12 +218,8 @@ mod tests {
         let folder = dir.path().join("study");
         std::fs::create_dir(&folder).unwrap();
         std::fs::write(folder.join(settings::FILE), "case = \"..\"\nsolver = [\"icoFoam\"]\n").unwrap();
-        let mut tools = Surroundings {
-            stop: &GO,
-            timeout: Duration::from_secs(9),
-            asks: false,
-            environment: Vec::new(),
-        };
+        let mut tools =
+            Surroundings { stop: &GO, timeout: Duration::from_secs(9), asks: false, environment: Vec::new() };
         let message = Campaign::open(&folder, &mut tools).err().expect("it was opened").to_string();
         assert!(message.contains("study: lies in the case"), "{message}");
     }
