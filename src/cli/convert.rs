@@ -10,8 +10,8 @@ use std::sync::atomic::Ordering;
 
 /// Convert data sets and weights of others to m4gn's, and m4gn's to files of others
 ///
-/// Into m4gn's: DeepMind's MeshGraphNets data (*.tfrecord with meta.json beside it), NumPy archives (*.npz), HDF5 copies (*.h5) and
-/// series of ParaView (*.pvd, or the first *.vtu) of such flows on triangles and, but for the series, of bodies of tetrahedra that an obstacle touches, to OUT.h5 or into the folder OUT. Out of m4gn's: a trajectory, or a folder of them, to *.npz or to a series
+/// Into m4gn's: DeepMind's MeshGraphNets data (*.tfrecord with meta.json beside it), NumPy archives (*.npz) and HDF5 copies (*.h5) of such flows
+/// on triangles and of bodies of tetrahedra that an obstacle touches, to OUT.h5 or into the folder OUT. Out of m4gn's: a trajectory, or a folder of them, to *.npz or to a series
 /// for ParaView (*.pvd). What is what is told by the names and the files.
 ///
 /// Weights: a PyTorch state dict (*.safetensors, *.pt, *.pth) with the names of PhysicsNeMo's MeshGraphNet or of m4gn's models becomes a

@@ -4,7 +4,7 @@ use super::bodies::Bodies;
 use super::copies::Copies;
 use super::points::Points;
 use super::tfrecord::TfRecord;
-use super::{Array, Arrays, npz, vtu};
+use super::{Array, Arrays, npz};
 use m4gn_base::{Error, Result};
 use m4gn_data::Split;
 use std::path::{Path, PathBuf};
@@ -37,12 +37,8 @@ impl Source {
         match path.extension().and_then(|e| e.to_str()) {
             Some("tfrecord") => Ok(Source::TfRecord(TfRecord::open(path)?)),
             Some("npz") => Ok(Source::Single(Some(npz::read(path)?))),
-            Some("pvd" | "vtu") => Ok(Source::Single(Some(vtu::read(path)?))),
             Some("h5" | "hdf5") => Ok(Source::Copies(Copies::open(path)?)),
-            _ => Err(Error::file(
-                path,
-                "expected a file whose name ends in .tfrecord, .npz, .h5, .pvd or .vtu",
-            )),
+            _ => Err(Error::file(path, "expected a file whose name ends in .tfrecord, .npz or .h5")),
         }
     }
 

@@ -1,7 +1,7 @@
 //! Data sets of others as m4gn's, and back.
 //!
-//! A trajectory is [`Arrays`] by name on the way: from DeepMind's TFRecords ([`tfrecord`]), NumPy's archives ([`npz`]), HDF5 copies
-//! ([`copies`]) or ParaView's series ([`vtu`]). [`points`] makes a mesh and fields of them, [`bodies`] a body and an obstacle. Whatever is in a file, the answer is values or an error that names the file
+//! A trajectory is [`Arrays`] by name on the way: from DeepMind's TFRecords ([`tfrecord`]), NumPy's archives ([`npz`]) or HDF5 copies
+//! ([`copies`]). [`points`] makes a mesh and fields of them, [`bodies`] a body and an obstacle. Whatever is in a file, the answer is values or an error that names the file
 //! and the record, byte, array or key, and memory is bounded by the size of the file.
 
 mod array;
@@ -12,7 +12,6 @@ pub mod import;
 pub mod npz;
 pub mod points;
 pub mod tfrecord;
-pub mod vtu;
 pub mod weights;
 
 #[cfg(test)]
@@ -20,9 +19,6 @@ pub mod weights;
 mod records;
 #[cfg(test)]
 mod refused_tests;
-#[cfg(test)]
-#[path = "../../tests/samples/series.rs"]
-mod series;
 #[cfg(test)]
 mod tests;
 

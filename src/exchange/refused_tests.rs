@@ -1,8 +1,7 @@
-//! What is not read is refused by name; a series is read as it was written.
+//! What is not read is refused by name.
 
 use super::import::Options;
-use super::series::frame;
-use super::tests::{check, file, imported, square};
+use super::tests::{file, imported, square};
 use super::{npz, records};
 
 /// An array of `numpy.save`.
@@ -67,59 +66,6 @@ fn copies_are_read_or_refused_by_their_type() {
     });
     let message = imported(&path, &dt).unwrap_err().to_string();
     assert!(message.contains("/0/mesh_pos of the last frame is another than that of frame 0"), "{message}");
-}
-
-#[test]
-fn a_series_has_no_gap_and_no_arrays_that_are_left_out() {
-    let folder = tempfile::tempdir().unwrap();
-    let put = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
-    let dt = Options { dt: Some(0.5), ..Options::default() };
-    let first = folder.path().join("a_0010.vtu");
-    let square = records::square();
-    let frames: Vec<Vec<u8>> = (0..3).map(|i| frame(&square, i, "ascii")).collect();
-    (0..3).for_each(|i| put(&format!("a_{:04}.vtu", 10 * (i + 1)), &frames[i]));
-    check(&imported(&first, &dt).unwrap());
-    put("a_0050.vtu", &frames[0]);
-    let message = imported(&first, &dt).unwrap_err().to_string();
-    assert!(
-        message.contains("a_0010.vtu: between a_30 and a_50 of its series files are missing"),
-        "{message}"
-    );
-    std::fs::remove_file(folder.path().join("a_0050.vtu")).unwrap();
-    put("a_20.vtu", &frames[0]);
-    assert!(imported(&first, &dt).unwrap_err().to_string().contains("has the number of "));
-    std::fs::remove_file(folder.path().join("a_20.vtu")).unwrap();
-    let changed = |old: &str, new: &str| String::from_utf8_lossy(&frames[2]).replacen(old, new, 1);
-    let extra = "<PointData>\n<DataArray type=\"Float32\" Name=\"T\" NumberOfComponents=\"1\" format=\"ascii\">0 0 0 0 0</DataArray>";
-    for (old, new, expected) in [
-        ("<PointData>", extra, "a_0030.vtu: PointData/T: "),
-        ("\n4 6 5 6 0", "\n4 6 5 6 6", "PointData/node_type differs from that of "),
-        ("type=\"String\"", "type=\"Float32\"", "CellData/unread: of arrays at points alone fields are made"),
-    ] {
-        put("a_0030.vtu", changed(old, new).as_bytes());
-        let message = imported(&first, &dt).unwrap_err().to_string();
-        assert!(message.contains(expected), "{message}\n{expected}");
-    }
-}
-
-/// A shorter series over a longer one of the same name: read by its first file it is the shorter one.
-#[test]
-fn a_series_over_a_longer_one_is_read_as_it_was_written() {
-    let (_folder, path) = file("a.tfrecord", &records::record(&records::example()));
-    let t = imported(&path, &Options::default()).unwrap();
-    let series = path.with_file_name("w.pvd");
-    super::export::to_vtu(&t, &series).unwrap();
-    let mut two = square();
-    for array in two.values_mut().filter(|a| a.shape[0] == 3) {
-        array.shape[0] = 2;
-        array.data.truncate(array.data.len() / 3 * 2);
-    }
-    let archive = path.with_file_name("b.npz");
-    npz::write(&archive, &two, &["cells", "node_type"]).unwrap();
-    let dt = Options { dt: Some(0.5), ..Options::default() };
-    super::export::to_vtu(&imported(&archive, &dt).unwrap(), &series).unwrap();
-    let back = imported(&path.with_file_name("w_0000.vtu"), &dt).unwrap();
-    assert_eq!(back.times(), [0.0, 0.5]);
 }
 
 #[test]

@@ -5,8 +5,6 @@
 mod fuzzing;
 #[path = "../samples/records.rs"]
 mod records;
-#[path = "../samples/series.rs"]
-mod series;
 
 use fuzzing::{Random, fuzz};
 use m4gn_exchange::import::{Options, import};
@@ -91,31 +89,6 @@ fn meta_json() {
         r.damage_text(&mut text);
         std::fs::write(path.with_file_name("meta.json"), text).unwrap();
         records::record(&records::example())
-    });
-}
-
-#[test]
-fn vtu() {
-    target("vtu", "a_0000.vtu", |r, path| {
-        let square = records::square();
-        std::fs::write(path.with_file_name("a_0001.vtu"), series::frame(&square, 1, "binary")).unwrap();
-        let mut bytes = series::frame(&square, 0, series::WAYS[r.below(4)]);
-        r.damage(&mut bytes);
-        bytes
-    });
-}
-
-#[test]
-fn pvd() {
-    target("pvd", "a.pvd", |r, path| {
-        let names = [0, 1].map(|i| format!("a_{i}.vtu"));
-        for (i, name) in names.iter().enumerate() {
-            std::fs::write(path.with_file_name(name), series::frame(&records::square(), i, "ascii")).unwrap();
-        }
-        let mut bytes =
-            m4gn_report::vtu::pvd(&[(0.0, names[0].clone()), (0.5, names[1].clone())]).into_bytes();
-        r.damage(&mut bytes);
-        bytes
     });
 }
 
