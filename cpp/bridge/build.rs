@@ -26,7 +26,6 @@ const SOURCES: &[&str] = &[
     "../../openfoam/case/m4gnMeshAdapter.C",
     "../../openfoam/case/m4gnNodes.C",
     "../../openfoam/case/m4gnNodeTypes.C",
-    "../../openfoam/case/m4gnPointAdapter.C",
     "../../openfoam/case/m4gnDictionary.C",
     "../../openfoam/case/m4gnFieldFiles.C",
     "../../openfoam/case/m4gnSegmentField.C",

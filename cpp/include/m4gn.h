@@ -119,7 +119,7 @@ int32_t m4gn_options_check(const char* kind, const char* options);
 /* ---- mesh and fields ---------------------------------------------------------------------------- */
 
 /* This rank's part of the mesh. Local labels; `empty` patches contribute nothing. A solver with its unknowns at points hands
- * in points for cells, edges for faces, and a boundary face at each point of a patch (openfoam/case/m4gnPointAdapter.H). */
+ * in points for cells, edges for faces, and a boundary face at each point of a patch. */
 typedef struct m4gn_mesh_data
 {
     int32_t n_directions;  /* 2 or 3 solved directions */

@@ -4,10 +4,8 @@
 #include "m4gnDictionary.H"
 #include "m4gnMeshAdapter.H"
 #include "m4gnNodeTypes.H"
-#include "m4gnPointAdapter.H"
 #include "m4gnVersion.H"
 #include "labelIOList.H"
-#include "pointFields.H"
 #include "volFields.H"
 
 static_assert(
@@ -116,59 +114,28 @@ Foam::m4gnNodes::m4gnNodes(const fvMesh& mesh) : mesh_(mesh), data_()
 
 bool Foam::m4gnNodes::registered(const word& name) const
 {
-    return atPoints() ? mesh_.foundObject<pointScalarField>(name) || mesh_.foundObject<pointVectorField>(name)
-                      : mesh_.foundObject<volScalarField>(name) || mesh_.foundObject<volVectorField>(name);
+    return mesh_.foundObject<volScalarField>(name) || mesh_.foundObject<volVectorField>(name);
 }
 
-Foam::string Foam::m4gnNodes::fieldTypes() const
+Foam::string Foam::m4gnNodes::fieldTypes()
 {
-    return atPoints() ? pointScalarField::typeName + " or " + pointVectorField::typeName
-                      : volScalarField::typeName + " or " + volVectorField::typeName;
+    return volScalarField::typeName + " or " + volVectorField::typeName;
 }
 
 Foam::string Foam::m4gnNodes::registered() const
 {
-    wordList cells(mesh_.sortedNames<volScalarField>());
-    cells.append(mesh_.sortedNames<volVectorField>());
-    wordList points(mesh_.sortedNames<pointScalarField>());
-    points.append(mesh_.sortedNames<pointVectorField>());
+    wordList names(mesh_.sortedNames<volScalarField>());
+    names.append(mesh_.sortedNames<volVectorField>());
 
-    const wordList& own = atPoints() ? points : cells;
-    const wordList& others = atPoints() ? cells : points;
-
-    std::string names(own.empty() ? "no field there" : m4gn::join(own));
-    if (others.size()) {
-        names += "; with location ";
-        names += atPoints() ? "cells: " : "points: ";
-        names += m4gn::join(others);
-    }
-    return names;
-}
-
-bool Foam::m4gnNodes::atPoints(const dictionary& dict)
-{
-    const word location(dict.getOrDefault<word>("location", "cells"));
-
-    if (location != "cells" && location != "points") {
-        FatalIOErrorInFunction(dict) << "Entry location is " << location << "; expected cells or points"
-                                     << exit(FatalIOError);
-    }
-
-    return location == "points";
+    return names.empty() ? "no field of cells" : m4gn::join(names);
 }
 
 Foam::autoPtr<Foam::m4gnNodes> Foam::m4gnNodes::New(const fvMesh& mesh, const dictionary& dict)
 {
-    const bool points = atPoints(dict);
-
     const m4gnNodeTypes nodeTypes(
         mesh, dict, dict.getOrDefault<word>("U", "U"), dict.getOrDefault<word>("p", "p"),
-        dict.getOrDefault<word>("D", points ? "pointD" : "D"));
+        dict.getOrDefault<word>("D", "D"));
     nodeTypes.print(mesh);
-
-    if (points) {
-        return autoPtr<m4gnNodes>(new m4gnPointAdapter(mesh, nodeTypes.types()));
-    }
 
     return autoPtr<m4gnNodes>(new m4gnMeshAdapter(mesh, nodeTypes.types()));
 }

@@ -44,7 +44,7 @@ void Foam::functionObjects::m4gnRecorder::start()
     nodes_ = m4gnNodes::New(mesh_, dict_);
 
     const label nModes = dict_.getOrDefault<label>("modes", defaultModes);
-    if (nModes > 0 && !nodes_->atPoints() && m4gnElasticModes::wanted(mesh_, dict_)) {
+    if (nModes > 0 && m4gnElasticModes::wanted(mesh_, dict_)) {
         modes_.reset(new m4gnElasticModes(mesh_, dict_, nModes));
     }
     fields_.reset(new m4gnFieldSet(mesh_, fieldNames_));
@@ -171,7 +171,7 @@ void Foam::functionObjects::m4gnRecorder::finish()
 
 Foam::wordList Foam::functionObjects::m4gnRecorder::ownKeys()
 {
-    wordList keys({"fields", "file", "nodeTypes", "location", "U", "p", "phi", "D", "modes", "hybrid"});
+    wordList keys({"fields", "file", "nodeTypes", "U", "p", "phi", "D", "modes", "hybrid"});
     keys.append(m4gnElasticModes::keys());
     return keys;
 }
@@ -272,8 +272,6 @@ bool Foam::functionObjects::m4gnRecorder::read(const dictionary& dict)
     if (!stretches_) {
         dict.getOrDefault<bool>("hybrid", false);
     }
-
-    m4gnNodes::atPoints(dict);
 
     if (fieldNames_.empty()) {
         FatalIOErrorInFunction(dict) << "Entry fields is empty; expected names such as (U p)"

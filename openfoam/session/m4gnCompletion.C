@@ -74,14 +74,15 @@ void Foam::m4gnCompletion::refuseLeftBehind(const wordList& advanced) const
     }
 }
 
-void Foam::m4gnCompletion::checkAdvanced(const wordList& needed, const word& scheme, const char* how) const
+void Foam::m4gnCompletion::checkAdvanced(const wordList& needed, const word& scheme) const
 {
     for (const word& name : needed) {
         if (!session_.outputs().found(name)) {
             FatalErrorInFunction << "The solver carries on from " << m4gn::join(needed) << " (d2dt2Schemes "
                                  << scheme << "); the model " << session_.model() << " advances "
-                                 << m4gn::join(session_.outputs()) << nl << "    Record these fields" << how
-                                 << ", and train a model that predicts them" << exit(FatalError);
+                                 << m4gn::join(session_.outputs()) << nl
+                                 << "    Record these fields, and train a model that predicts them"
+                                 << exit(FatalError);
         }
     }
 }
@@ -158,14 +159,5 @@ Foam::autoPtr<Foam::m4gnCompletion> Foam::m4gnCompletion::New(
                              << nl << "    Give the entry state the one that is meant" << exit(FatalError);
     }
 
-    const auto kind(m4gnCompletionType::New(fitting.first()));
-
-    if (kind->atPoints() != session.nodes().atPoints()) {
-        FatalErrorInFunction << "The solver (state " << fitting.first() << ") has its unknowns at "
-                             << (kind->atPoints() ? "points" : "cells") << nl
-                             << "    Give m4gnRecorder and m4gnSurrogate location "
-                             << (kind->atPoints() ? "points" : "cells") << exit(FatalError);
-    }
-
-    return kind->make(mesh, dict, session);
+    return m4gnCompletionType::New(fitting.first())->make(mesh, dict, session);
 }

@@ -24,7 +24,7 @@ void Foam::m4gnSession::open(const dictionary& dict, const List<int32_t>& segmen
 
     autoPtr<m4gnElasticModes> modes;
     const label needed = model_.elasticModes();
-    if (!stored && !nodes_->atPoints() && m4gnElasticModes::wanted(mesh_, own, needed)) {
+    if (!stored && m4gnElasticModes::wanted(mesh_, own, needed)) {
         dictionary body(own);
         for (const word key : {"nodeTypes", "D"}) {
             if (const entry* e = dict.findEntry(key)) {
@@ -171,22 +171,16 @@ Foam::m4gnSession::m4gnSession(const fvMesh& mesh, const dictionary& dict, const
 
     nodes_ = m4gnNodes::New(mesh, dict);
 
-    List<int32_t> stored;
-    bool taken = false;
-    if (!nodes_->atPoints()) {
-        const dictionary own(dict.subOrEmptyDict("segments"));
-        m4gnStoredSegments found(mesh);
+    const dictionary own(dict.subOrEmptyDict("segments"));
+    m4gnStoredSegments stored(mesh);
+    const bool taken = stored.use(
+        &model_, m4gnSegmentation::options(own, false),
+        own.getOrDefault<word>("stored", m4gnStoredSegments::choices().first()));
 
-        taken = found.use(
-            &model_, m4gnSegmentation::options(own, false),
-            own.getOrDefault<word>("stored", m4gnStoredSegments::choices().first()));
-        stored = found.cells();
-    }
-
-    open(dict, stored);
+    open(dict, stored.cells());
     checkFields();
 
-    const bool write = !nodes_->atPoints() && dict.getOrDefault<bool>("writeSegments", true);
+    const bool write = dict.getOrDefault<bool>("writeSegments", true);
     const label nGroups = m4gn_session_n_groups(session_);
 
     if (write && nGroups > 0) {
@@ -249,7 +243,7 @@ std::string Foam::m4gnSession::options(
 
 Foam::wordList Foam::m4gnSession::ownKeys()
 {
-    return {"model", "location", "nodeTypes", "writeSegments", "outOfRange", "U", "p", "D"};
+    return {"model", "nodeTypes", "writeSegments", "outOfRange", "U", "p", "D"};
 }
 
 void Foam::m4gnSession::checkDictionary(const dictionary& dict, const fileName& casePath)
@@ -262,8 +256,6 @@ void Foam::m4gnSession::checkDictionary(const dictionary& dict, const fileName& 
                                      << " to models in " << m4gn::home() << ", or to that folder"
                                      << " (another one: set M4GN_HOME)" << exit(FatalIOError);
     }
-
-    m4gnNodes::atPoints(dict);
 
     const word outOfRange(dict.getOrDefault<word>("outOfRange", "warn"));
     if (!wordList({"warn", "refuse", "ignore"}).found(outOfRange)) {

@@ -143,27 +143,11 @@ template <class Action> void Foam::m4gnState::each(const Action& action) const
     }
 }
 
-template <class FieldType> bool Foam::m4gnState::ofNodes(const FieldType& field) const
+template <class FieldType> void Foam::m4gnState::copyBoundary(const FieldType& field, double* to) const
 {
-    return !whole_ && nodes_ && nodes_->atPoints() && placeOf(field) == M4GN_POINTS;
-}
-
-template <class FieldType>
-void Foam::m4gnState::copy(const FieldType& field, double* nodes, double* boundary) const
-{
-    const label n = componentsOf(field);
-    if (nodes_ && nodes_->atPoints() && placeOf(field) == M4GN_POINTS) {
-        m4gnNodes::values found;
-        nodes_->gather(field.name(), found);
-        std::copy(found.boundary.begin(), found.boundary.end(), boundary);
-        if (nodes) {
-            std::copy_n(found.cells, n * nodes_->size(), nodes);
-        }
-        return;
-    }
     for (const label patchi : patches_) {
         const auto& patch = field.boundaryField()[patchi];
-        boundary = std::copy_n(numbers(patch), n * sizeOf(patch), boundary);
+        to = std::copy_n(numbers(patch), componentsOf(field) * sizeOf(patch), to);
     }
 }
 
@@ -186,7 +170,6 @@ template <class FieldType> void Foam::m4gnState::describe(const FieldType& field
     const word& name = field.name();
     const label n = componentsOf(field);
     const label place = placeOf(field);
-    const bool points = place == M4GN_POINTS;
     const label unknowns = m4gn::solidModel(mesh_).starts_with("vertexCentred") ? M4GN_POINTS : M4GN_CELLS;
     const bool evolves = whole_ && place == unknowns && (n == 1 || n == 3) && isRead(field) && isState(field);
 
@@ -201,14 +184,13 @@ template <class FieldType> void Foam::m4gnState::describe(const FieldType& field
     for (direction d = 0; d < vector::nComponents; ++d) {
         directions += mesh_.solutionD()[d] > 0;
     }
-    label faces = points && nodes_ && nodes_->atPoints() ? nodes_->nBoundary() : 0;
+    label faces = 0;
     for (const auto& patch : field.boundaryField()) {
         faces += sizeOf(patch);
     }
 
-    const label nItems = ofNodes(field) ? nodes_->size() : field.primitiveField().size();
     const scalar floor = positive(name, field.dimensions()) ? 0 : -HUGE_VAL;
-    m4gn_array& array = add(name, place, role, n, nItems);
+    m4gn_array& array = add(name, place, role, n, field.primitiveField().size());
     array.floor = floor;
     array.solved = n == 1 ? 1 : directions;
     array.weights = whole_ && role == M4GN_SOLVED ? volumes_.cdata() : nullptr;
@@ -268,7 +250,7 @@ Foam::m4gnState::m4gnState(
             add(prescribed_->name(i), M4GN_FACES, M4GN_PRESCRIBED, 1, prescribed_->values()[i].size());
         }
     }
-    if (observes && nodes && !nodes->atPoints()) {
+    if (observes && nodes) {
         for (const word& name : outputs) {
             add(name, M4GN_BOUNDARY, M4GN_HELD, 1, nodes->nBoundary());
         }
@@ -305,11 +287,8 @@ std::vector<const double*> Foam::m4gnState::gather()
     label arrayi = 0;
     each([&](auto& field) {
         m4gnOwnFields::provide(mesh_, field.name());
-        const bool ofNodes = this->ofNodes(field);
-        copy(field, ofNodes ? values_[arrayi].data() : nullptr, values_[arrayi + 1].data());
-        if (!ofNodes) {
-            all[arrayi] = numbers(field.primitiveField());
-        }
+        copyBoundary(field, values_[arrayi + 1].data());
+        all[arrayi] = numbers(field.primitiveField());
         arrayi += 2;
     });
     if (prescribed_) {

@@ -16,17 +16,17 @@ Foam::volVectorField& Foam::m4gnDisplacementCompletion::rate() const
     return mesh_.lookupObjectRef<volVectorField>(m4gnOwnFields::rateOf(DName_));
 }
 
-Foam::word Foam::m4gnDisplacementCompletion::displacementName(const dictionary& dict, const word& usual)
+Foam::word Foam::m4gnDisplacementCompletion::displacementName(const dictionary& dict)
 {
-    return dict.getOrDefault<word>("D", usual);
+    return dict.getOrDefault<word>("D", "D");
 }
 
 void Foam::m4gnDisplacementCompletion::update() { D().correctBoundaryConditions(); }
 
-void Foam::m4gnDisplacementCompletion::useLaw(const dictionary& dict, const bool atPoints)
+void Foam::m4gnDisplacementCompletion::useLaw(const dictionary& dict)
 {
     law_ = m4gnSolidLaw::New(mesh_);
-    relaxation_ = m4gnRelaxation::New(mesh_, dict, session_.stride(), atPoints, law_, dynamic_);
+    relaxation_ = m4gnRelaxation::New(mesh_, dict, session_.stride(), law_, dynamic_);
 }
 
 bool Foam::m4gnDisplacementCompletion::leftAsPredicted(const scalar deltaT, const bool handOver)
@@ -35,45 +35,43 @@ bool Foam::m4gnDisplacementCompletion::leftAsPredicted(const scalar deltaT, cons
         return false;
     }
 
-    const bool relaxed = relaxation_->relax(*law_, displacements(), rates(), accelerations(), deltaT);
+    const bool relaxed =
+        relaxation_->relax(*law_, D().primitiveFieldRef(), rate().primitiveFieldRef(), deltaT);
     if (handOver) {
         relaxation_->end();
     }
     return !relaxed;
 }
 
-void Foam::m4gnDisplacementCompletion::checkSolver(const HashTable<wordList>& rates, const char* how) const
+void Foam::m4gnDisplacementCompletion::checkSolver() const
 {
     refuseHistory();
 
-    if (!rates.found(scheme_)) {
+    if (scheme_ != "Euler" && dynamic_) {
         FatalErrorInFunction << "mode replace does not handle the time scheme of " << DName_
-                             << " in d2dt2Schemes: " << scheme_ << nl
-                             << "    Handled: " << m4gn::join(rates.sortedToc()) << exit(FatalError);
+                             << " in d2dt2Schemes: " << scheme_ << nl << "    Handled: Euler, steadyState"
+                             << exit(FatalError);
     }
 
     wordList needed(1, DName_);
-    needed.append(rates[scheme_]);
-    checkAdvanced(needed, scheme_, how);
+    if (dynamic_) {
+        needed.append(m4gnOwnFields::rateOf(DName_));
+    }
+    checkAdvanced(needed, scheme_);
 }
 
 Foam::m4gnDisplacementCompletion::m4gnDisplacementCompletion(
-    const fvMesh& mesh, const m4gnSession& session, const word& DName)
-    : m4gnCompletion(mesh, session), DName_(DName),
-      scheme_(m4gn::scheme(mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName + ')')),
-      dynamic_(scheme_ != "steadyState"), followed_(false)
-{}
-
-Foam::m4gnDisplacementCompletion::m4gnDisplacementCompletion(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnDisplacementCompletion(mesh, session, displacementName(dict))
+    : m4gnCompletion(mesh, session), DName_(displacementName(dict)),
+      scheme_(m4gn::scheme(mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')')),
+      dynamic_(scheme_ != "steadyState"), followed_(false)
 {
-    checkSolver({{"Euler", {m4gnOwnFields::rateOf(DName_)}}, {"steadyState", {}}}, "");
+    checkSolver();
 }
 
 bool Foam::m4gnDisplacementCompletion::beforeStride()
 {
-    return relaxation_ && relaxation_->restore(displacements(), rates(), accelerations());
+    return relaxation_ && relaxation_->restore(D().primitiveFieldRef(), rate().primitiveFieldRef());
 }
 
 void Foam::m4gnDisplacementCompletion::advance(const m4gnState& predicted, const scalar duration)
@@ -131,7 +129,7 @@ void Foam::m4gnDisplacementCompletion::write() const
 
 Foam::List<Foam::m4gnCompletion::quantity> Foam::m4gnDisplacementCompletion::quantities() const
 {
-    const tmp<scalarField> magD(mag(displacements()));
+    const tmp<scalarField> magD(mag(D().primitiveField()));
 
     return {quantity("minMag" + DName_, gMin(magD())), quantity("maxMag" + DName_, gMax(magD()))};
 }

@@ -3,7 +3,6 @@
 #include "m4gnRelaxation.H"
 #include "m4gnDictionary.H"
 #include "m4gnCaseChecks.H"
-#include "pointFields.H"
 #include "Time.H"
 #include "volFields.H"
 
@@ -45,11 +44,6 @@ Foam::scalar timeOf(const Foam::dictionary& dict, const Foam::scalar usual)
 Foam::vectorField Foam::m4gnRelaxation::read(const word& name) const
 {
     IOobject file(name, mesh_.time().timeName(), mesh_, IOobject::MUST_READ, IOobject::NO_WRITE, false);
-    if (atPoints_) {
-        return file.typeHeaderOk<pointVectorField>(true)
-                   ? vectorField(pointVectorField(file, pointMesh::New(mesh_)).primitiveField())
-                   : vectorField();
-    }
     return file.typeHeaderOk<volVectorField>(true) ? vectorField(volVectorField(file, mesh_).primitiveField())
                                                    : vectorField();
 }
@@ -58,26 +52,14 @@ void Foam::m4gnRelaxation::write(
     const word& name, const dimensionSet& dimensions, const vectorField& values) const
 {
     const IOobject file(name, mesh_.time().timeName(), mesh_, IOobject::NO_READ, IOobject::NO_WRITE, false);
-    const dimensionedVector zero(dimensions, Zero);
-    if (atPoints_) {
-        pointVectorField field(file, pointMesh::New(mesh_), zero);
-        field.primitiveFieldRef() = values;
-        field.write();
-    } else {
-        volVectorField field(file, mesh_, zero);
-        field.primitiveFieldRef() = values;
-        field.write();
-    }
+    volVectorField field(file, mesh_, dimensionedVector(dimensions, Zero));
+    field.primitiveFieldRef() = values;
+    field.write();
 }
 
-Foam::m4gnRelaxation::m4gnRelaxation(
-    const fvMesh& mesh, const dictionary& dict, const scalar stride, const bool atPoints)
-    : mesh_(mesh), atPoints_(atPoints), time_(timeOf(dict, (atPoints ? 0.25 : 0.5) * stride)),
-      tolerance_(
-          time_ > 0 ? dict.subOrEmptyDict(entryName).getOrDefault<scalar>(
-              // Newton's last iteration leaves far less than its change
-              "tolerance", atPoints ? 1e-2 : 1e-5)
-                    : 0),
+Foam::m4gnRelaxation::m4gnRelaxation(const fvMesh& mesh, const dictionary& dict, const scalar stride)
+    : mesh_(mesh), time_(timeOf(dict, 0.5 * stride)),
+      tolerance_(time_ > 0 ? dict.subOrEmptyDict(entryName).getOrDefault<scalar>("tolerance", 1e-5) : 0),
       relaxedAt_(-VGREAT), lastTime_(-VGREAT), warning_(false)
 {
     if (active()) {
@@ -85,23 +67,21 @@ Foam::m4gnRelaxation::m4gnRelaxation(
         if (returnReduce(predictedD_.size(), sumOp<label>())) {
             relaxedAt_ = lastTime_ = mesh.time().value();
             predictedRate_ = read("surrogateRate");
-            predictedAcceleration_ = read("surrogateAcceleration");
             lastAcceleration_ = read("relaxedAcceleration");
         }
     }
 }
 
 Foam::autoPtr<Foam::m4gnRelaxation> Foam::m4gnRelaxation::New(
-    const fvMesh& mesh, const dictionary& dict, const scalar stride, const bool atPoints,
-    const autoPtr<m4gnSolidLaw>& law, const bool dynamic)
+    const fvMesh& mesh, const dictionary& dict, const scalar stride, const autoPtr<m4gnSolidLaw>& law,
+    const bool dynamic)
 {
     if (law && law->relaxes() && dynamic) {
-        return autoPtr<m4gnRelaxation>(new m4gnRelaxation(mesh, dict, stride, atPoints));
+        return autoPtr<m4gnRelaxation>(new m4gnRelaxation(mesh, dict, stride));
     }
     if (law && dict.isDict(entryName)) {
-        FatalIOErrorInFunction(dict) << "Entry relaxation is for dynamic cases of solids4foam's models, at"
-                                     << " cells without a pressure equation (solvePressureEqn), at points"
-                                     << " with solutionAlgorithm implicitCoupled; this one is "
+        FatalIOErrorInFunction(dict) << "Entry relaxation is for dynamic cases of solids4foam's models"
+                                     << " without a pressure equation (solvePressureEqn); this one is "
                                      << m4gn::solidModel(mesh) << (dynamic ? "" : ", quasi-static") << nl
                                      << "    Remove the entry" << exit(FatalIOError);
     }
@@ -113,8 +93,7 @@ void Foam::m4gnRelaxation::checkDictionary(const dictionary& dict) { timeOf(dict
 
 bool Foam::m4gnRelaxation::relaxed() const { return relaxedAt_ == mesh_.time().value(); }
 
-bool Foam::m4gnRelaxation::relax(
-    m4gnSolidLaw& law, vectorField& D, vectorField& rate, vectorField* acceleration, const scalar deltaT)
+bool Foam::m4gnRelaxation::relax(m4gnSolidLaw& law, vectorField& D, vectorField& rate, const scalar deltaT)
 {
     if (relaxed()) {
         return true;
@@ -122,10 +101,6 @@ bool Foam::m4gnRelaxation::relax(
 
     const vectorField predicted(D);
     vectorField free(predicted);
-    if (atPoints_ && lastD_.size()) {
-        // Newton's iterations go astray from where the stress is rough
-        D = lastD_;
-    }
     bool done = true;
     for (label i = 0; done && i < nSteps; ++i) {
         if (i) {
@@ -135,9 +110,7 @@ bool Foam::m4gnRelaxation::relax(
     }
     if (!done) {
         D = predicted;
-        if (!atPoints_) {
-            lastD_.clear();
-        }
+        lastD_.clear();
         if (!warning_) {
             warning_ = true;
             WarningInFunction << "The displacement of the surrogate could not be relaxed at"
@@ -154,15 +127,9 @@ bool Foam::m4gnRelaxation::relax(
     predictedD_ = predicted;
     predictedRate_ = rate;
     const vectorField relaxedAcceleration((D - free) / sqr(time_));
-    if (acceleration) {
-        predictedAcceleration_ = *acceleration;
-        *acceleration = relaxedAcceleration;
-    }
 
-    // Newmark's scheme, which solvers at points have, damps nothing: fast modes
-    // swing on between the two states, whose difference does not know them
     const scalar between = now - lastTime_;
-    if (!atPoints_ && lastD_.size() && between > 0) {
+    if (lastD_.size() && between > 0) {
         rate = (D - lastD_) / between + between * (relaxedAcceleration / 3 + lastAcceleration_ / 6)
                - 0.5 * deltaT * relaxedAcceleration;
     }
@@ -174,22 +141,18 @@ bool Foam::m4gnRelaxation::relax(
     return true;
 }
 
-bool Foam::m4gnRelaxation::restore(vectorField& D, vectorField& rate, vectorField* acceleration)
+bool Foam::m4gnRelaxation::restore(vectorField& D, vectorField& rate)
 {
-    // Of a run that is carried on, and, to begin Newton's iterations with, of
-    // the solver
-    if (!lastD_.size() && (atPoints_ || relaxed())) {
-        lastD_ = D;
-    }
     if (!relaxed()) {
         return false;
+    }
+    if (!lastD_.size()) {
+        // Of a run that is carried on
+        lastD_ = D;
     }
 
     D = predictedD_;
     rate = predictedRate_;
-    if (acceleration) {
-        *acceleration = predictedAcceleration_;
-    }
     relaxedAt_ = -VGREAT;
 
     return true;
@@ -209,8 +172,5 @@ void Foam::m4gnRelaxation::write() const
 
     write("surrogateD", dimLength, predictedD_);
     write("surrogateRate", dimVelocity, predictedRate_);
-    if (predictedAcceleration_.size()) {
-        write("surrogateAcceleration", dimAcceleration, predictedAcceleration_);
-    }
     write("relaxedAcceleration", dimAcceleration, lastAcceleration_);
 }

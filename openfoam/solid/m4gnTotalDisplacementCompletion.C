@@ -128,7 +128,7 @@ Foam::m4gnTotalDisplacementCompletion::m4gnTotalDisplacementCompletion(
     made.append(m4gnSolidLaw::fields());
     refuseLeftBehind(made);
 
-    useLaw(dict, atPoints);
+    useLaw(dict);
 }
 
 bool Foam::m4gnTotalDisplacementCompletion::beforeStride()

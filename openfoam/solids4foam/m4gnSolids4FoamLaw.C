@@ -208,14 +208,7 @@ bool Foam::m4gnSolids4FoamLaw::follow()
     solidModel& solid = *solid_;
     solid.enforceLinear() = false;
 
-    bool done = true;
-    if (atPoints()) {
-        done = followPoints();
-    } else {
-        done = asOneIncrement([&]() { return agree(); });
-    }
-
-    if (!done) {
+    if (!asOneIncrement([&]() { return agree(); })) {
         if (!warning_) {
             warning_ = true;
             WarningInFunction << "No boundary values were found with which the stress of the"
@@ -224,10 +217,6 @@ bool Foam::m4gnSolids4FoamLaw::follow()
                               << " values are extrapolated" << endl;
         }
         return false;
-    }
-
-    if (atPoints()) {
-        return true;
     }
 
     if (solid.movingMesh()) {

@@ -8,17 +8,7 @@
 #include "solidModel.H"
 #include "zeroGradientFvPatchFields.H"
 
-bool Foam::m4gnSolids4FoamLaw::relaxes() const
-{
-    if (!atPoints()) {
-        return cannotCorrect().empty();
-    }
-
-    // The other algorithms do not take a step of any length
-    const solidModel& model = *solid_;
-
-    return model.solidModelDict().get<word>("solutionAlgorithm") == "implicitCoupled";
-}
+bool Foam::m4gnSolids4FoamLaw::relaxes() const { return cannotCorrect().empty(); }
 
 Foam::string Foam::m4gnSolids4FoamLaw::cannotCorrect() const
 {
@@ -85,10 +75,6 @@ Foam::string Foam::m4gnSolids4FoamLaw::cannotStep() const
 
 bool Foam::m4gnSolids4FoamLaw::relax(const vectorField& free, const scalar duration, const scalar tolerance)
 {
-    if (atPoints()) {
-        return relaxPoints(free, duration, tolerance);
-    }
-
     solidModel& solid = *solid_;
     const solidModel& model = solid;
     volVectorField& u = solid.solutionD();

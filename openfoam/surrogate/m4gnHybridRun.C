@@ -101,9 +101,7 @@ Foam::m4gnHybridRun::m4gnHybridRun(
     if (session) {
         own.set("model", string(session->model()));
         own.set("setupSeconds", session->setupSeconds());
-        if (!session->nodes().atPoints()) {
-            own.set("host", string(types()));
-        }
+        own.set("host", string(types()));
     }
     if (dict.getOrDefault<bool>("writeToFile", true)) {
         own.set("decisions", string(m4gn::outputDir(name, mesh).path() / "decisions.jsonl"));

@@ -303,9 +303,6 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
         const m4gnFluxProjection checked(mesh_, dict);
         m4gnElasticSmoothing::checkDictionary(dict);
         m4gnRelaxation::checkDictionary(dict);
-    } else if (m4gnNodes::atPoints(dict)) {
-        FatalIOErrorInFunction(dict) << "Entry location is points, which is for mode replace; mode"
-                                     << " observe works with fields of cells" << exit(FatalIOError);
     }
 
     timeStart_ = dict.getOrDefault<scalar>("timeStart", -VGREAT);

@@ -1,6 +1,6 @@
 //! Trajectories at the points of triangles (DeepMind's CylinderFlow and airfoil) as m4gn's, and back.
 //!
-//! Points become nodes in the place of cells, as in recordings with `location points`: a point has a third of the area of each of its
+//! Points become nodes in the place of cells: a point has a third of the area of each of its
 //! triangles (times 1 m), an edge the coefficient that finite elements give it on triangles of equal sides. A point that is not of type
 //! `normal` is a boundary face as well, at its own place, with the outward area of half of its boundary edges.
 

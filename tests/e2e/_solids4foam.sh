@@ -2,7 +2,7 @@
 # A beam in solids4foam, by any of its solid models. Sourced.
 # solids4foam is no part of this project: setup/solids4foam.sh puts it into the cache, and
 #   SOLIDS4FOAM_INST_DIR   names another folder that holds solids4Foam and libsolids4FoamModels.so, in it or in its bin/ and lib/
-# Laws of solids4foam and modes at points need lib/libm4gnSolids4Foam.so, which the same script makes.
+# Laws of solids4foam need lib/libm4gnSolids4Foam.so, which the same script makes.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 needs_solids4foam

@@ -3,7 +3,6 @@
 #include "testing.H"
 #include "m4gnMeshAdapter.H"
 #include "m4gnNodeTypes.H"
-#include "m4gnPointAdapter.H"
 #include "surfaceFields.H"
 #include "volFields.H"
 
@@ -115,37 +114,6 @@ TEST(aFoldedCellIsRefused)
     }
     mesh->movePoints(points);
     EXPECT_REFUSED(m4gnMeshAdapter(*mesh, labelList(6, M4GN_WALL)), "inverted");
-}
-
-TEST(pointsOfABlock)
-{
-    caseFolder run;
-    const autoPtr<fvMesh> mesh(run.block({2, 2, 2}, {2, 2, 2}, allPatches));
-    const m4gnPointAdapter nodes(*mesh, labelList(6, M4GN_FREE));
-    const m4gn_mesh_data& data = nodes.data();
-
-    EXPECT(data.n_cells == 27 && data.n_faces == 54 && data.n_boundary == 26);
-
-    scalar total = 0;
-    for (label i = 0; i < data.n_cells; ++i) {
-        const vector at(data.cell_centres[3 * i], data.cell_centres[3 * i + 1], data.cell_centres[3 * i + 2]);
-        // Each cell of 1 m3 gives an eighth to each of its points
-        const scalar cells = (at.x() == 1 ? 2 : 1) * (at.y() == 1 ? 2 : 1) * (at.z() == 1 ? 2 : 1);
-        EXPECT_NEAR(data.cell_volumes[i], cells / 8, 1e-14);
-        total += data.cell_volumes[i];
-    }
-    EXPECT_NEAR(total, 8, 1e-12);
-
-    for (label i = 0; i < data.n_faces; ++i) {
-        const double* a = data.cell_centres + 3 * data.face_owner[i];
-        const double* b = data.cell_centres + 3 * data.face_neighbour[i];
-        // An edge inside has four cells and the area of a face over its length, others have fewer
-        scalar cells = 1;
-        for (label d = 0; d < 3; ++d) {
-            cells *= a[d] == b[d] && a[d] == 1 ? 2 : 1;
-        }
-        EXPECT_NEAR(data.face_coeff[i], cells / 4, 1e-12);
-    }
 }
 
 TEST(walls)

@@ -2,9 +2,7 @@
 
 #include "testing.H"
 #include "m4gnMeshAdapter.H"
-#include "m4gnPointAdapter.H"
 #include "m4gnState.H"
-#include "pointFields.H"
 #include "surfaceFields.H"
 #include "volFields.H"
 
@@ -181,20 +179,6 @@ TEST(whatANetworkPredictsIsImposed)
     state.impose();
     EXPECT_NEAR(f.U()[1], vector(3, 4, 5), 0);
     EXPECT_NEAR(f.T()[1], 0, 0);
-}
-
-TEST(pointsOfANetworksState)
-{
-    caseFolder run;
-    const autoPtr<fvMesh> mesh(run.block({1, 1, 1}, {1, 1, 1}, wordList(6, "patch")));
-    pointVectorField D(
-        IOobject("pointD", run.time().timeName(), *mesh), pointMesh::New(*mesh),
-        dimensionedVector("D", dimLength, vector(1, 2, 3)));
-    const m4gnPointAdapter nodes(*mesh, labelList(6, M4GN_FREE));
-    m4gnState state(*mesh, wordHashSet(), false, false, &nodes, {"pointD"}, {"pointD"});
-    EXPECT(state.arrays()[0].place == M4GN_POINTS && state.arrays()[0].n == 8);
-    EXPECT(state.arrays()[1].place == M4GN_BOUNDARY && state.arrays()[1].n == 8);
-    EXPECT_NEAR(state.gather()[1][5], 3, 0);
 }
 
 // A table at the left

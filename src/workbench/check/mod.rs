@@ -142,12 +142,12 @@ pub fn run(plan: &Plan) -> Result<Checked> {
     let room = &plain_path(folder.path())?;
     // Reading the mesh, a first step and making the surrogate come before the function object can end the run.
     let tools = surroundings(plan.stop, Duration::from_secs(20 * plan.seconds + 120))?;
-    let (case, place) = match &plan.case {
-        Case::Folder(case) => (case.clone(), ""),
+    let case = match &plan.case {
+        Case::Folder(case) => case.clone(),
         Case::Family(family) => {
             let folder = room.join("family");
             draw(family, &folder, &tools)?;
-            (folder, family.recording.location.entry())
+            folder
         }
     };
     let copy = Copy::new(&plain_path(&case)?, &room.join("beside"), None, &tools)?;
@@ -158,13 +158,13 @@ pub fn run(plan: &Plan) -> Result<Checked> {
     let mut findings = vec![one(plan, &copy, "dmd", "", &tools)?];
     let model = match (&plan.model, &plan.config) {
         (Some(model), _) => Some(Ok(plain_path(model)?)),
-        (None, Some(config)) => Some(random(&copy, config, place, &findings[0].report, room, &tools)),
+        (None, Some(config)) => Some(random(&copy, config, &findings[0].report, room, &tools)),
         (None, None) => None,
     };
     match model {
         None => {}
         Some(Ok(model)) => {
-            let entries = format!("model \"{}\"; precision auto; {place}", model.display());
+            let entries = format!("model \"{}\"; precision auto;", model.display());
             findings.push(one(plan, &copy, "network", &entries, &tools)?);
         }
         Some(Err(Error::Interrupted(e))) => return Err(Error::Interrupted(e)),
@@ -275,14 +275,7 @@ fn stride(decisions: &[Decision], window: usize) -> Option<f64> {
 }
 
 /// A network of the shape of a configuration, made from a few steps of the solver: its weights are random, its ranges the case's.
-fn random(
-    copy: &Copy,
-    config: &Path,
-    place: &str,
-    report: &Report,
-    room: &Path,
-    tools: &Surroundings,
-) -> Result<PathBuf> {
+fn random(copy: &Copy, config: &Path, report: &Report, room: &Path, tools: &Surroundings) -> Result<PathBuf> {
     let mut table = delta::table(config)?;
     let wrong = || {
         Error::file(
@@ -311,7 +304,7 @@ fn random(
     copy.control_dict(
         &format!("endTime {};", report.start_time + (STEPS * FRAMES) as f64 * report.delta_t),
         &format!(
-            "{NAME} {{ type m4gnRecorder; fields ({}); {place} file \"{}\"; overwrite yes; writeControl timeStep; writeInterval {STEPS}; libs (m4gnFoam); }}",
+            "{NAME} {{ type m4gnRecorder; fields ({}); file \"{}\"; overwrite yes; writeControl timeStep; writeInterval {STEPS}; libs (m4gnFoam); }}",
             names.join(" "),
             data.display()
         ),

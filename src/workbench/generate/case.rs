@@ -195,11 +195,10 @@ impl FamilyCase {
         // Half a step off, so that rounding of the times does not matter
         let start = self.spin_up - 0.5 * delta_t;
         format!(
-            "    type            m4gnRecorder;\n    libs            (m4gnFoam);\n    fields          ({});\n{}    \
+            "    type            m4gnRecorder;\n    libs            (m4gnFoam);\n    fields          ({});\n    \
              file            \"{RECORDING}\";\n    split           {};\n\n    timeStart       {start};\n    writeControl    \
              timeStep;\n    writeInterval   {steps};\n",
             self.family.recording.fields.join(" "),
-            self.family.recording.location.entry(),
             self.split.name(),
         )
     }

@@ -82,7 +82,6 @@ fn every_placeholder_is_filled() {
     for (name, end) in [
         ("cylinder-flow", "7;"),
         ("pressed-rubber", "2.58;"),
-        ("vibrating-points", "2.6;"),
         ("vibrating-rubber", "2.6;"),
         ("vibrating-beam", "1.3;"),
     ] {
@@ -244,40 +243,15 @@ fn the_courant_number_is_read_from_the_log() {
     assert_eq!(largest_courant(&dir.path().join("none")), None);
 }
 
-/// A recording says where its values are; at cells it says nothing, as before there was a choice.
+/// The beam of solids4foam begins undeformed, with the velocities that were drawn.
 #[test]
-fn points_are_recorded_where_the_family_says_so() {
-    let written = |name: &str| {
-        let dir = tempfile::tempdir().unwrap();
-        case(name, &[]).write(dir.path()).unwrap();
-        std::fs::read_to_string(dir.path().join("system/functions")).unwrap()
-    };
-    assert!(!written("vibrating-rubber").contains("location"));
-    let functions = written("vibrating-points");
-    assert_eq!(functions.matches("location        points;").count(), 1, "{functions}");
-    assert!(
-        functions.contains("(pointD pointU pointA);\n    location        points;\n    file "),
-        "{functions}"
-    );
-    let text = "fields = ['D']\nlocation = 'faces'\nframes = 1\ninterval = 1\nspin_up = 1\n";
-    let message = toml::from_str::<crate::generate::family::Recording>(text).unwrap_err().to_string();
-    assert!(message.contains("`cells` or `points`"), "{message}");
-}
-
-/// The beams of solids4foam begin undeformed, with the velocities that were drawn.
-#[test]
-fn the_beams_of_solids4foam_start_as_they_were_drawn() {
+fn the_beam_of_solids4foam_starts_as_it_was_drawn() {
     for index in 0..20 {
         let cells = family("vibrating-rubber").draw(7, index, &Settings::new()).unwrap().variables;
-        let points = family("vibrating-points").draw(7, index, &Settings::new()).unwrap().variables;
         for k in 1..=3 {
             let velocity = cells[&format!("velocity{k}")];
             let before = cells[&format!("o{k}")];
             assert!((before + velocity * cells["step"]).abs() < 1e-12);
-            let [velocity, forward, backward] =
-                ["velocity", "forward", "backward"].map(|name| points[&format!("{name}{k}")]);
-            assert!(forward >= 0.0 && backward >= 0.0 && forward * backward == 0.0);
-            assert!((forward - backward - velocity).abs() < 1e-12);
         }
     }
 }

@@ -91,36 +91,12 @@ fn six() -> i32 {
 pub struct Recording {
     /// Fields, as the function object m4gnRecorder names them.
     pub fields: Vec<String>,
-    /// Where the solver has its unknowns.
-    #[serde(default)]
-    pub location: Location,
     /// Frames after the first one.
     pub frames: u32,
     /// Time between frames, s.
     pub interval: f64,
     /// Time of the first frame, s.
     pub spin_up: f64,
-}
-
-/// Where a solver has its unknowns, and a model its nodes.
-#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq)]
-#[serde(rename_all = "lowercase")]
-pub enum Location {
-    /// At the cells.
-    #[default]
-    Cells,
-    /// At the points of the mesh.
-    Points,
-}
-
-impl Location {
-    /// Entry of the function objects m4gnRecorder and m4gnSurrogate; none at cells, which is what they take without.
-    pub(crate) fn entry(self) -> &'static str {
-        match self {
-            Location::Cells => "",
-            Location::Points => "    location        points;\n",
-        }
-    }
 }
 
 /// A quantity that follows from the parameters.

@@ -299,9 +299,7 @@ impl Job<'_> {
         let s = &self.plan.schedule;
         let mut own = String::new();
         if let Some(model) = self.plan.model.as_ref().filter(|_| surrogates.contains(NETWORK)) {
-            let place = self.plan.family.recording.location.entry();
-            own +=
-                &format!("    model           \"{}\";\n    precision       auto;\n{place}", model.display());
+            own += &format!("    model           \"{}\";\n    precision       auto;\n", model.display());
         }
         own += &match surrogates == NETWORK {
             true => format!(
@@ -336,11 +334,10 @@ impl Job<'_> {
             )));
         }
         Ok(format!(
-            "stretches\n{{\n    type            m4gnRecorder;\n    libs            (m4gnFoam);\n    fields          ({});\n{}    \
+            "stretches\n{{\n    type            m4gnRecorder;\n    libs            (m4gnFoam);\n    fields          ({});\n    \
              hybrid          stretches;\n    file            \"{}/{seed}-{index:04}-{name}.h5\";\n    overwrite       yes;\n    \
              writeControl    timeStep;\n    writeInterval   {};\n\n{}}}\n",
             recording.fields.join(" "),
-            recording.location.entry(),
             stretches.display(),
             steps.round(),
             provenance(&origin(family, seed, index, draw)),

@@ -12,7 +12,6 @@ class bareFlowCompletion : public m4gnCompletion
 
 public:
     static const char* const needs;
-    static const bool atPoints = false;
 
     static wordList keys() { return wordList({"share"}); }
 
