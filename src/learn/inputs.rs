@@ -49,6 +49,16 @@ pub fn extend(mut model: Model, spec: &ModelSpec, work: &Workload) -> Result<Mod
     });
     tensor.data = widened.collect();
     tensor.shape[1] += new - old;
+    // Nor does the encoding of the nodes' positions, where there is one, add anything to these inputs.
+    let last = model.spec.architecture.hidden_layers;
+    for part in ["weight", "bias"] {
+        let Some(tensor) = model.tensors.get_mut(&format!("encoder.position.{last}.{part}")) else {
+            continue;
+        };
+        let row = tensor.data.len() / tensor.shape[0];
+        tensor.data.splice(old * row..old * row, std::iter::repeat_n(0.0, (new - old) * row));
+        tensor.shape[0] += new - old;
+    }
     model.spec.fields = spec.fields.clone();
     Model::new(model.spec, model.tensors)
 }

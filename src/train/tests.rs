@@ -114,12 +114,18 @@ fn a_model_is_trained_further() {
 #[test]
 fn a_model_is_given_an_input_more() {
     let folder = folder();
-    let first = request(folder.path(), "first", "", 20);
+    // All of them with a positional encoding of the nodes, which adds to what is said of their inputs.
+    let request = |name: &str, steps: u64| {
+        let made = request(folder.path(), name, "", steps);
+        edit(&made.config, "layers_before = 1", "layers_before = 1\nnode_rwse_steps = 3");
+        made
+    };
+    let first = request("first", 20);
     let p = "{ name = \"p\", input = true, output = \"value\" }";
     edit(&first.config, &format!(", {p}"), "");
     edit(&first.config, ", p = 0.01", "");
     run(&first).unwrap();
-    let mut second = request(folder.path(), "second", "", 0);
+    let mut second = request("second", 0);
     edit(&second.config, p, "{ name = \"p\", input = true, output = \"none\" }");
     second.from = Some(first.out.clone());
     run(&second).unwrap();
@@ -131,6 +137,9 @@ fn a_model_is_given_an_input_more() {
     for (a, b) in rows {
         assert!(a[..2] == b[..2] && b[2] == 0.0 && a[2..] == b[3..], "{a:?} {b:?}");
     }
+    let position = |model: &Model| model.tensor("encoder.position.1.bias").unwrap().data.clone();
+    let (a, b) = (position(&old), position(&new));
+    assert!(a[..2] == b[..2] && b[2] == 0.0 && a[2..] == b[3..], "{a:?} {b:?}");
     let mean = |model: &Model| model.tensor("norm.node.mean").unwrap().data.clone();
     assert_eq!(mean(&old), mean(&new)[..2]);
     let pressure = mean(&new)[2];
@@ -143,7 +152,7 @@ fn a_model_is_given_an_input_more() {
     second.steps = Some(6);
     run(&second).unwrap();
     // A field that is predicted is another network.
-    let mut other = request(folder.path(), "other", "", 4);
+    let mut other = request("other", 4);
     other.from = Some(first.out.clone());
     let message = run(&other).unwrap_err().to_string();
     assert!(message.contains("only inputs"), "{message}");
