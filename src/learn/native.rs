@@ -63,8 +63,8 @@ pub struct NativeBackend<'a> {
     pub(crate) components: Components,
     pub(crate) network: Box<dyn Trainable>,
     workers: Vec<Worker>,
-    /// Each training trajectory and its reflection.
-    pub(crate) lives: Vec<[Live; 2]>,
+    /// Each training trajectory, and its reflection where the training has reflected examples.
+    pub(crate) lives: Vec<Vec<Live>>,
     /// Noise of each component, physical units.
     pub(crate) noise: Vec<f64>,
     /// How many times smaller it may be in an example.
@@ -86,12 +86,12 @@ impl<'a> NativeBackend<'a> {
         let components = Components::new(spec);
         let network = trainable(spec, t.precision, None)?;
         let lives = work.train.iter().map(|sample| {
-            let mirror = sample.domain.reflected();
-            let reflected = sample.structure.reflected(spec);
-            Ok([
-                Live::new(spec, sample.domain.clone(), &sample.structure)?,
-                Live::new(spec, mirror, &reflected)?,
-            ])
+            let mut lives = vec![Live::new(spec, sample.domain.clone(), &sample.structure)?];
+            if t.mirror {
+                let reflected = sample.structure.reflected(spec);
+                lives.push(Live::new(spec, sample.domain.reflected(), &reflected)?);
+            }
+            Ok(lives)
         });
         Ok(NativeBackend {
             lives: lives.collect::<Result<_>>()?,

@@ -10,6 +10,7 @@ use m4gn_engine::backward::Layout;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::body::Body;
 use m4gn_model::{Activation, Model, ModelSpec};
+use std::collections::BTreeMap;
 
 const STRIDE: usize = 2;
 
@@ -51,7 +52,7 @@ fn bending(body: Body, spec: &ModelSpec) -> (Workload, Body) {
 }
 
 fn training() -> TrainingConfig {
-    TrainingConfig { noise: [("D".to_string(), 0.01)].into(), ..TrainingConfig::default() }
+    TrainingConfig { noise: [("D".to_string(), 0.01)].into(), mirror: true, ..TrainingConfig::default() }
 }
 
 /// Loss and gradient of two examples, one of them reflected, from which normalisers are made as well.
@@ -85,7 +86,7 @@ fn noise_is_corrected_as_far_as_asked() {
         let mut backend = NativeBackend::new(t, &spec, &work, 1).unwrap();
         learn(&mut backend, None, &weights, 1).2.scales().output.std
     };
-    let recorded = spread(&TrainingConfig::default());
+    let recorded = spread(&TrainingConfig { noise: BTreeMap::new(), ..training() });
     let with = |noise_correction| spread(&TrainingConfig { noise_correction, ..training() });
     let (none, half, whole) = (with(0.0), with(0.5), with(1.0));
     assert_eq!(none, recorded);
@@ -166,7 +167,7 @@ fn flow() -> (ModelSpec, TrainingConfig) {
     spec.architecture.activation = Activation::Silu;
     spec.segments.method = m4gn_model::SegmentMethod::Metis;
     let noise = [("U".to_string(), 0.05), ("p".to_string(), 0.05)].into();
-    (spec, TrainingConfig { noise, ..TrainingConfig::default() })
+    (spec, TrainingConfig { noise, ..training() })
 }
 
 /// Where points are held: no noise, no loss, and the recorded value after each stride.
