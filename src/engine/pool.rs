@@ -109,10 +109,11 @@ impl Pool {
         // The others use what stands on this stack, so that a panic has to wait for them.
         let own = catch_unwind(AssertUnwindSafe(|| take(0, &mut between)));
         self.finish();
+        let others = self.shared.panicked.swap(false, Ordering::Relaxed);
         if let Err(panic) = own {
             std::panic::resume_unwind(panic);
         }
-        assert!(!self.shared.panicked.swap(false, Ordering::Relaxed), "a thread of the engine panicked");
+        assert!(!others, "a thread of the engine panicked");
     }
 
     fn start(&self, job: &(dyn Fn(usize) + Sync)) {
@@ -268,6 +269,9 @@ mod tests {
             let result = catch_unwind(AssertUnwindSafe(|| pool.run(&mut scratch, 50, task, || ())));
             assert!(result.is_err());
         }
+        let all = |_: &mut (), i: usize| assert!(i > 50, "every task");
+        let result = catch_unwind(AssertUnwindSafe(|| pool.run(&mut scratch, 50, all, || ())));
+        assert!(result.is_err());
         pool.run(&mut scratch, 50, |_, _| (), || ());
     }
 }

@@ -124,9 +124,10 @@ impl Optimiser {
             }
         };
         std::thread::scope(|scope| {
-            (1..self.threads.min(self.matrices.len())).for_each(|_| {
-                scope.spawn(work);
-            });
+            for _ in 1..self.threads.min(self.matrices.len()) {
+                // Fewer where the system gives no more.
+                let _ = std::thread::Builder::new().spawn_scoped(scope, work);
+            }
             work();
         });
         for (matrix, change) in &changes {
