@@ -44,6 +44,10 @@ impl ModelSpec {
         expect(self.stride.is_finite() && self.stride > 0.0, || {
             format!("stride: expected a positive time in s, found {}", self.stride)
         })?;
+        // Before each of them is looked for among all others.
+        expect(self.fields.len() <= MAX_LAYERS, || {
+            format!("fields: expected at most {MAX_LAYERS}, found {}", self.fields.len())
+        })?;
         self.check_contact()?;
         self.check_resolution()?;
         self.check_calibration()?;
@@ -129,7 +133,6 @@ impl ModelSpec {
                 )
             })?;
         }
-        expect(self.fields.len() <= MAX_LAYERS, || format!("fields: {} are too many", self.fields.len()))?;
         expect(self.n_outputs() > 0, || "fields: no field is an output".into())?;
         expect(self.n_field_inputs() > 0, || "fields: no field is an input".into())
     }
@@ -240,10 +243,11 @@ mod tests {
     fn refuses_what_no_network_can_be_made_of() {
         assert!(spec().check().is_ok());
         type Change = fn(&mut crate::ModelSpec);
-        let broken: [(&str, Change); 25] = [
+        let broken: [(&str, Change); 26] = [
             ("format", |s| s.format = 2),
             ("dim", |s| s.dim = 1),
             ("stride", |s| s.stride = f64::NAN),
+            ("fields: expected at most 1024", |s| s.fields = vec![s.fields[0].clone(); 1025]),
             ("twice", |s| s.fields[1].name = "U".into()),
             ("floor: expected a positive", |s| s.fields[1].floor = Some(0.0)),
             ("which no vector is", |s| s.fields[0].floor = Some(1.0)),
