@@ -8,7 +8,8 @@
 //! computed once, unless that would take too much memory.
 //!
 //! Within the engine nodes stand in an order of its own (see [`order`]); inputs and outputs are in the graph's.
-//! Nothing is allocated and nothing locked in a step. The result does not depend on the number of threads.
+//! Nothing is allocated and nothing locked in a step, unless graphs change with the state: the coarser ones of g-U-Net, and those of
+//! bodies. The result does not depend on the number of threads.
 #![allow(unsafe_code)]
 
 pub mod backward;

@@ -1,6 +1,6 @@
 //! The nodes of each segment in an order, for networks that read one after another (EAGLE: Janny et al. 2023).
 //!
-//! The order is that of places: by the first direction, then the second, then the third. It depends neither on the numbering of the
+//! The order is that of places: by the third direction, then the second, then the first. It depends neither on the numbering of the
 //! nodes nor on the ranks, and neighbours in it are near each other along the flow; numbers of clusters' nodes, which the authors take
 //! as they come, would depend on both. All nodes of a segment are read by one rank, the lowest that has any of them.
 
