@@ -287,8 +287,8 @@ fn serve_training(trial: &Trial, backend: &Backend) -> Result<()> {
         torch.step()?;
         return answer(description, || torch.step().map(|_| ()));
     }
-    let training = &prepared.config.training;
-    let mut native = NativeBackend::new(training, &prepared.spec, &prepared.work, trial.threads)?;
+    let (training, spec, work) = (&prepared.training, &prepared.spec, &prepared.work);
+    let mut native = NativeBackend::new(training, spec, work, trial.threads)?;
     prepared.step(&mut native, &mut optimiser)?;
     answer(description, || prepared.step(&mut native, &mut optimiser).map(|_| ()))
 }

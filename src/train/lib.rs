@@ -47,7 +47,7 @@ use std::sync::atomic::AtomicU8;
 /// As [`train`].
 pub fn train_native(request: &Request, stop: &AtomicU8, comm: &Comm) -> Result<serde_json::Value> {
     train(request, stop, comm, |task| {
-        let backend = NativeBackend::new(&task.config.training, task.spec, task.work, task.threads)?;
+        let backend = NativeBackend::new(task.training, task.spec, task.work, task.threads)?;
         Ok(Box::new(backend))
     })
 }

@@ -13,7 +13,7 @@ use m4gn_engine::backward::{Layout, Optimiser, norm};
 use m4gn_learn::Workload;
 use m4gn_learn::data_parallel::learn_together;
 use m4gn_learn::normaliser::Normaliser;
-use m4gn_learn::{Backend, Batch, Example, Learned};
+use m4gn_learn::{Backend, Batch, Example, Learned, TrainingConfig};
 use m4gn_model::{Model, ModelSpec, Output};
 use m4gn_parallel::Comm;
 use m4gn_report::number;
@@ -25,8 +25,8 @@ use std::time::Instant;
 /// What a backend is made from.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
-    /// The configuration.
-    pub config: &'a Config,
+    /// Settings of the optimisation.
+    pub training: &'a TrainingConfig,
     /// The model.
     pub spec: &'a ModelSpec,
     /// The data.
@@ -77,7 +77,7 @@ pub fn train(
     }
     let share = t.batch_size.div_ceil(comm.size() as usize);
     let threads = request.threads(share.max(work.valid.len()));
-    let task = Task { config, spec, work, threads };
+    let task = Task { training: t, spec, work, threads };
     let backend = comm.agree(make(&task))?;
     let layout = Layout::new(spec);
     let mut rng = ChaCha8Rng::seed_from_u64(t.seed);

@@ -23,7 +23,7 @@ impl TorchBackend {
     ///
     /// Errors: [`m4gn_base::Error::Input`] for noise of several sizes or that is not corrected; [`m4gn_base::Error::Model`] for a graph that the model does not know.
     pub fn new(task: &Task, device: Device) -> Result<Self> {
-        let t = &task.config.training;
+        let t = task.training;
         for (key, found) in [("noise_spread", t.noise_spread), ("noise_correction", t.noise_correction)] {
             if found != 1.0 {
                 return Err(Error::Input(format!(
@@ -39,8 +39,7 @@ impl TorchBackend {
         };
         let (train, valid) = (tensors(&task.work.train)?, tensors(&task.work.valid)?);
         let threads = if device == Device::Cpu { task.threads } else { 1 };
-        let config = Arc::new(task.config.clone());
-        let learner = Learner::new(config, spec, train, valid, task.work.frames_a_step, device);
+        let learner = Learner::new(Arc::new(t.clone()), spec, train, valid, task.work.frames_a_step, device);
         let mut learners: Vec<Learner> = (1..threads).map(|_| learner.share()).collect();
         learners.push(learner);
         Ok(TorchBackend { learners, device })

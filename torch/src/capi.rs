@@ -115,7 +115,7 @@ pub unsafe extern "C" fn m4gn_torch_trial(
         keep_memory();
         let prepared = trial.prepare()?;
         let task = Task {
-            config: &prepared.config,
+            training: &prepared.training,
             spec: &prepared.spec,
             work: &prepared.work,
             threads: trial.threads,

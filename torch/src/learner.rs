@@ -1,6 +1,5 @@
 //! What a worker thread does: gradients of pieces of a batch, and rollouts for validation.
 
-use crate::config::Config;
 use crate::contact;
 use crate::network::{Network, Topology};
 use crate::normaliser::{Scales, of_example};
@@ -12,7 +11,7 @@ use m4gn_domain::{Components, Domain};
 use m4gn_engine::Precision;
 use m4gn_engine::backward::normal;
 use m4gn_learn::normaliser::Normaliser;
-use m4gn_learn::{Batch, Example, Learned, Rollout};
+use m4gn_learn::{Batch, Example, Learned, Rollout, TrainingConfig};
 use m4gn_model::ModelSpec;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -21,7 +20,7 @@ use tch::{Device, Kind, Tensor};
 
 /// Everything a worker needs; each thread has its own, tensors share their storage.
 pub struct Learner {
-    config: Arc<Config>,
+    training: Arc<TrainingConfig>,
     spec: Arc<ModelSpec>,
     components: Components,
     layout: Layout,
@@ -41,7 +40,7 @@ pub struct Learner {
 impl Learner {
     /// Puts a worker together.
     pub fn new(
-        config: Arc<Config>,
+        training: Arc<TrainingConfig>,
         spec: Arc<ModelSpec>,
         train: Vec<Sample>,
         valid: Vec<Sample>,
@@ -54,9 +53,9 @@ impl Learner {
             layout: Layout::new(&spec),
             stepper: Stepper::new(&spec, &components, device),
             reflect: Tensor::from_slice(&signs).to_device(device),
-            noise: config.training.noise_of(&spec, &components),
-            groups: config.training.groups(&spec, &components),
-            config,
+            noise: training.noise_of(&spec, &components),
+            groups: training.groups(&spec, &components),
+            training,
             spec,
             components,
             train,
@@ -70,7 +69,7 @@ impl Learner {
     pub fn share(&self) -> Self {
         let share = |samples: &[Sample]| samples.iter().map(Sample::share).collect();
         Learner::new(
-            self.config.clone(),
+            self.training.clone(),
             self.spec.clone(),
             share(&self.train),
             share(&self.valid),
@@ -85,7 +84,7 @@ impl Learner {
     }
 
     fn half(&self) -> bool {
-        self.config.training.precision == Precision::Bf16
+        self.training.precision == Precision::Bf16
     }
 
     /// Loss and gradient of a few examples, one union: a piece of a batch.

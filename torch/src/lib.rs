@@ -15,5 +15,3 @@ pub mod processor;
 pub mod rollout;
 pub mod samples;
 pub mod weights;
-
-pub use m4gn_train::config;

@@ -6,7 +6,7 @@ use m4gn_engine::Precision;
 use m4gn_engine::backward::Layout;
 use m4gn_learn::normaliser::Normaliser;
 use m4gn_learn::samples::Sample;
-use m4gn_learn::{Backend, Batch, Example, Learned, NativeBackend, Rollout, Workload};
+use m4gn_learn::{Backend, Batch, Example, Learned, NativeBackend, Rollout, TrainingConfig, Workload};
 use m4gn_model::{
     Activation, Architecture, ContactSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, NodeSums,
     Output, SegmentMethod, SegmentSpec, WorldEdges,
@@ -168,13 +168,13 @@ fn distance(a: &[f32], b: &[f32]) -> f64 {
 /// The two backends on the same batch.
 fn compare(name: &str, spec: &ModelSpec, work: &Workload, precision: Precision, tolerance: f64) {
     spec.check().unwrap();
-    let mut config = Config::parse(&sample::config("")).unwrap();
-    config.training.precision = precision;
-    config.training.loss_weights = [("U".to_string(), 2.0)].into();
+    let mut training = Config::parse(&sample::config("")).unwrap().training;
+    training.precision = precision;
+    training.loss_weights = [("U".to_string(), 2.0)].into();
     if spec.contact.is_some() {
-        config.training.noise = [("D".to_string(), 0.01)].into();
+        training.noise = [("D".to_string(), 0.01)].into();
     }
-    let task = Task { config: &config, spec, work, threads: 2 };
+    let task = Task { training: &training, spec, work, threads: 2 };
     let layout = Layout::new(spec);
     let mut weights = layout.flatten(&Model::random(spec.clone(), 3).unwrap()).unwrap();
     // Gains that differ from one and biases that differ from zero.
@@ -183,7 +183,7 @@ fn compare(name: &str, spec: &ModelSpec, work: &Workload, precision: Precision, 
     }
     for unroll in [1, 3] {
         let mut torch = TorchBackend::new(&task, Device::Cpu).unwrap();
-        let mut native = NativeBackend::new(&config.training, spec, work, 2).unwrap();
+        let mut native = NativeBackend::new(&training, spec, work, 2).unwrap();
         let (scales, expected) = learn(&mut torch, &weights, spec, (unroll, precision));
         let (own, found) = learn(&mut native, &weights, spec, (unroll, precision));
         let pairs = own.flat().into_iter().zip(scales.flat());
@@ -198,9 +198,8 @@ fn compare(name: &str, spec: &ModelSpec, work: &Workload, precision: Precision, 
         println!("{name}, {unroll} steps: {off:.1e}");
         if precision == Precision::Bf16 {
             // Both are rounded, each in its own order: neither may be farther from fp32 than the other.
-            let mut config = config.clone();
-            config.training.precision = Precision::Fp32;
-            let mut exact = NativeBackend::new(&config.training, spec, work, 2).unwrap();
+            let exact = TrainingConfig { precision: Precision::Fp32, ..training.clone() };
+            let mut exact = NativeBackend::new(&exact, spec, work, 2).unwrap();
             let exact = learn(&mut exact, &weights, spec, (unroll, precision)).1.gradient.unwrap();
             let (own, other) = (distance(&found, &exact), distance(&expected, &exact));
             println!("    from fp32: {own:.1e}, libtorch {other:.1e}");
@@ -228,9 +227,8 @@ fn compare(name: &str, spec: &ModelSpec, work: &Workload, precision: Precision, 
     let rollout = [false, true].map(|single| Rollout { sample: 0, frame: 0, steps: 3, single });
     let mut torch = TorchBackend::new(&task, Device::Cpu).unwrap();
     // Rollouts of libtorch are in fp32, and the native ones in the precision of the training.
-    let mut exact = config.clone();
-    exact.training.precision = Precision::Fp32;
-    let mut native = NativeBackend::new(&exact.training, spec, work, 1).unwrap();
+    let exact = TrainingConfig { precision: Precision::Fp32, ..training.clone() };
+    let mut native = NativeBackend::new(&exact, spec, work, 1).unwrap();
     let (normaliser, _) = learn(&mut native, &weights, spec, (1, Precision::Fp32));
     let expected = torch.roll_out(&weights, &normaliser, &rollout).unwrap();
     let found = native.roll_out(&weights, &normaliser, &rollout).unwrap();

@@ -9,11 +9,10 @@ use m4gn_engine::backward::{Layout, Optimiser, norm};
 use m4gn_learn::normaliser::Normaliser;
 use m4gn_learn::samples::Sample;
 use m4gn_learn::{Backend, Batch, Example, TrainingConfig, Workload};
-use m4gn_model::{ArchitectureKeys, Model, ModelSpec};
+use m4gn_model::{Model, ModelSpec};
 use m4gn_modes::Modal;
 use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
-use m4gn_train::config::{Config, FieldConfig, ModelConfig};
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 
@@ -45,8 +44,8 @@ pub struct Trial {
 /// Everything that a step needs but a backend.
 #[derive(Debug)]
 pub struct Prepared {
-    /// Configuration of such a training.
-    pub config: Config,
+    /// Settings of such a training.
+    pub training: TrainingConfig,
     /// The network.
     pub spec: ModelSpec,
     /// The graph as a data set.
@@ -104,45 +103,16 @@ impl Trial {
             structure,
         };
         let normaliser = Normaliser::of_model(&Model::random(spec.clone(), 1)?)?;
-        let fields = spec.fields.iter().map(|f| FieldConfig {
-            name: f.name.clone(),
-            input: f.input,
-            output: f.output,
-            floor: f.floor,
-        });
-        let a = &spec.architecture;
-        let keys = ArchitectureKeys::from(a.clone());
-        let config = Config {
-            model: ModelConfig {
-                stride: spec.stride,
-                resolution: None,
-                width: a.width,
-                hidden_layers: a.hidden_layers,
-                activation: a.activation,
-                node_sums: keys.node_sums,
-                world_edges: keys.world_edges,
-                node_rwse_steps: keys.node_rwse_steps,
-                kind: Some(keys.kind),
-                layers: keys.layers,
-                levels: keys.levels,
-                layers_before: keys.layers_before,
-                layers_after: keys.layers_after.unwrap_or(0),
-                fields: fields.collect(),
-            },
-            segment_transformer: keys.segment_transformer,
-            contact: None,
-            segments: spec.segments.clone(),
-            training: TrainingConfig {
-                batch_size: self.batch,
-                precision: self.precision(),
-                noise: [("U".to_string(), 0.02)].into(),
-                ..TrainingConfig::default()
-            },
+        let training = TrainingConfig {
+            batch_size: self.batch,
+            precision: self.precision(),
+            noise: [("U".to_string(), 0.02)].into(),
+            ..TrainingConfig::default()
         };
         let example =
             |seed: usize| Example { sample: 0, frame: 0, mirror: false, seed: seed as u64, weight: 1.0 };
         Ok(Prepared {
-            config,
+            training,
             spec,
             work: Workload {
                 train: vec![sample.into()],
