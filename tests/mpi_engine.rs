@@ -13,7 +13,7 @@ mod flow;
 
 use flow::Flow;
 use m4gn_base::{Error, Result};
-use m4gn_engine::Precision;
+use m4gn_engine::PrecisionChoice;
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{
     Activation, Architecture, Kind, Level, M4gn, MacroSpec, Model, ModelSpec, NodeSums, Resolution,
@@ -80,18 +80,14 @@ fn run(comm: &Comm) -> Vec<String> {
             // Groups of cells that straddle ranks.
             let groups = Resolution::Length(1.7 * cell_size(mesh, &Comm::serial()));
             for (precision, n_threads, resolution, tolerance) in [
-                (Precision::Fp32, 1, Resolution::Off, TOLERANCE),
-                (Precision::Fp32, 2, Resolution::Off, TOLERANCE),
-                (Precision::Fp32, 1, groups, TOLERANCE),
-                (Precision::Bf16, 1, Resolution::Off, TOLERANCE_BF16),
+                (PrecisionChoice::Fp32, 1, Resolution::Off, TOLERANCE),
+                (PrecisionChoice::Fp32, 2, Resolution::Off, TOLERANCE),
+                (PrecisionChoice::Fp32, 1, groups, TOLERANCE),
+                (PrecisionChoice::Bf16, 1, Resolution::Off, TOLERANCE_BF16),
             ] {
-                let options = SessionOptions {
-                    precision: precision.into(),
-                    n_threads,
-                    resolution,
-                    ..SessionOptions::default()
-                };
-                let name = format!("{name}, {}, {n_threads} threads, {resolution:?}", precision.name());
+                let options =
+                    SessionOptions { precision, n_threads, resolution, ..SessionOptions::default() };
+                let name = format!("{name}, {precision:?}, {n_threads} threads, {resolution:?}");
                 let alone = alone(mesh, &spec, &options).unwrap();
                 for (how, ranks) in &deals {
                     match compare(comm, mesh, ranks, &spec, &options, &alone) {

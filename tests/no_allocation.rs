@@ -5,7 +5,7 @@
 mod flow;
 
 use flow::Flow;
-use m4gn_engine::Precision;
+use m4gn_engine::PrecisionChoice;
 use m4gn_mesh::NodeType;
 use m4gn_model::{Activation, Architecture, Kind, M4gn, MacroSpec, Model, ModelSpec, SegmentSpec};
 use m4gn_parallel::Comm;
@@ -41,10 +41,10 @@ static ALLOCATOR: Counting = Counting;
 #[test]
 fn a_step_allocates_nothing() {
     let kinds = [
-        (64, 1, 0, Precision::Fp32, 1),
-        (128, 2, 1, Precision::Bf16, 1),
-        (20, 1, 0, Precision::Fp32, 2),
-        (64, 3, 1, Precision::Bf16, 3),
+        (64, 1, 0, PrecisionChoice::Fp32, 1),
+        (128, 2, 1, PrecisionChoice::Bf16, 1),
+        (20, 1, 0, PrecisionChoice::Fp32, 2),
+        (64, 3, 1, PrecisionChoice::Bf16, 3),
     ];
     for (width, hidden_layers, overlap, precision, n_threads) in kinds {
         let segment_transformer =
@@ -65,7 +65,7 @@ fn a_step_allocates_nothing() {
         };
         let mesh = sample::triangles(30, 12, 1.6, 0.41);
         let model = Model::random(spec, 1).unwrap();
-        let options = SessionOptions { precision: precision.into(), n_threads, ..SessionOptions::default() };
+        let options = SessionOptions { precision, n_threads, ..SessionOptions::default() };
         let mut session = Session::new(Comm::serial(), &mesh, &model, &options).unwrap();
         let (n, b) = (mesh.n_cells(), mesh.boundary.len());
         let (u, u_boundary, p, p_boundary) = (vec![0.1; 3 * n], vec![0.2; 3 * b], vec![0.3; n], vec![0.4; b]);

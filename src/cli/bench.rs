@@ -1,7 +1,7 @@
 //! `m4gn bench`: what a step of a network costs on this machine.
 
 use crate::output::filled;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, settings};
 use m4gn_data::Trajectory;
 use m4gn_engine::torch::TorchTrial;
 use m4gn_engine::{EngineOptions, Forward, Isa, Phase, Precision};
@@ -105,7 +105,7 @@ pub fn run(args: Args) -> Result<()> {
     }
     let options = EngineOptions {
         n_threads: args.threads,
-        precision: Precision::parse(&args.precision)?,
+        precision: settings::read("precision", &args.precision.as_str().into())?,
         isa: args.instructions.as_deref().map(Isa::parse).transpose()?,
         ..EngineOptions::default()
     };

@@ -1,7 +1,6 @@
 //! How a command runs a network on recorded trajectories.
 
-use m4gn_base::Result;
-use m4gn_engine::PrecisionChoice;
+use m4gn_base::{Result, settings};
 use m4gn_model::Resolution;
 use m4gn_step::{Backend, SessionOptions};
 
@@ -28,7 +27,7 @@ impl Running {
         Ok(SessionOptions {
             backend: Backend::parse(&self.backend)?,
             n_threads: self.threads,
-            precision: PrecisionChoice::parse(&self.precision)?,
+            precision: settings::read("precision", &self.precision.as_str().into())?,
             resolution: self.resolution,
             ..SessionOptions::default()
         })

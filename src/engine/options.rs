@@ -23,20 +23,6 @@ pub enum PrecisionChoice {
 }
 
 impl PrecisionChoice {
-    /// From a dictionary's word: `model`, `auto`, `fp32`, `bf16`.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for any other word.
-    pub fn parse(word: &str) -> Result<Self> {
-        match word {
-            "model" => Ok(PrecisionChoice::Model),
-            "auto" => Ok(PrecisionChoice::Auto),
-            "fp32" => Ok(PrecisionChoice::Fp32),
-            "bf16" => Ok(PrecisionChoice::Bf16),
-            _ => Err(Error::Input(format!("precision '{word}': expected model, auto, fp32 or bf16"))),
-        }
-    }
-
     /// The precision of all ranks, for a model that was trained in `trained`. Collective.
     pub fn agreed(self, trained: Precision, comm: &Comm) -> Precision {
         let mut lacking = [i64::from(!Isa::detect().bf16_pays())];
@@ -46,15 +32,6 @@ impl PrecisionChoice {
             (PrecisionChoice::Bf16, _) => Precision::Bf16,
             _ if lacking[0] == 0 => Precision::Bf16,
             _ => Precision::Fp32,
-        }
-    }
-}
-
-impl From<Precision> for PrecisionChoice {
-    fn from(precision: Precision) -> Self {
-        match precision {
-            Precision::Fp32 => PrecisionChoice::Fp32,
-            Precision::Bf16 => PrecisionChoice::Bf16,
         }
     }
 }
@@ -186,20 +163,14 @@ mod tests {
     #[test]
     fn words_and_names() {
         for p in [Precision::Fp32, Precision::Bf16] {
-            assert_eq!(Precision::parse(p.name()).unwrap(), p);
+            assert_eq!(serde_json::to_string(&p).unwrap(), format!("\"{}\"", p.name()));
         }
         let auto = match Isa::detect().bf16_pays() {
             true => Precision::Bf16,
             false => Precision::Fp32,
         };
         let alone = Comm::serial();
-        for (word, choice) in [("fp32", Precision::Fp32), ("bf16", Precision::Bf16)] {
-            assert_eq!(PrecisionChoice::parse(word).unwrap(), choice.into());
-        }
-        assert_eq!(PrecisionChoice::parse("auto").unwrap(), PrecisionChoice::Auto);
-        assert_eq!(PrecisionChoice::parse("model").unwrap(), PrecisionChoice::Model);
         assert_eq!(PrecisionChoice::default(), PrecisionChoice::Fp32);
-        assert!(PrecisionChoice::parse("half").is_err());
         for trained in [Precision::Fp32, Precision::Bf16] {
             assert_eq!(PrecisionChoice::Auto.agreed(trained, &alone), auto);
             assert_eq!(PrecisionChoice::Fp32.agreed(trained, &alone), Precision::Fp32);
@@ -208,8 +179,6 @@ mod tests {
         let model = PrecisionChoice::Model;
         assert_eq!(model.agreed(Precision::Fp32, &alone), Precision::Fp32);
         assert_eq!(model.agreed(Precision::Bf16, &alone), auto);
-        let message = Precision::parse("fp16").unwrap_err().to_string();
-        assert!(message.contains("expected fp32 or bf16"), "{message}");
         let all = Isa::available();
         assert_eq!((all[0], all[all.len() - 1]), (Isa::portable(), Isa::detect()));
         for isa in all {

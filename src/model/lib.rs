@@ -165,7 +165,7 @@ pub struct ModelSpec {
     pub segments: SegmentSpec,
     /// In what the training computed the products. The phase of a long rollout holds for this precision alone; fp32 in models
     /// from before there was this entry.
-    #[serde(default, skip_serializing_if = "Precision::is_fp32")]
+    #[serde(default, skip_serializing_if = "m4gn_base::settings::is_default")]
     pub precision: Precision,
     /// Ranges of the data that it was trained on; none in models from before there was this entry.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -19,21 +19,6 @@ pub enum ModalSolver {
     Iterative,
 }
 
-impl ModalSolver {
-    /// From a dictionary's word: `auto`, `direct`, `iterative`.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for any other word.
-    pub fn parse(word: &str) -> Result<Self> {
-        match word {
-            "auto" => Ok(ModalSolver::Auto),
-            "direct" => Ok(ModalSolver::Direct),
-            "iterative" => Ok(ModalSolver::Iterative),
-            _ => Err(Error::Input(format!("modal solver '{word}': expected auto, direct or iterative"))),
-        }
-    }
-}
-
 /// Options of a modal solution.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModalOptions {

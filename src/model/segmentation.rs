@@ -47,21 +47,6 @@ impl SegmentMethod {
         }
     }
 
-    /// The method of this name; `slic` is `slic-md`.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for any other word.
-    pub fn parse(word: &str) -> Result<Self> {
-        Self::ALL
-            .into_iter()
-            .find(|m| m.name() == word || (word == "slic" && *m == SegmentMethod::Slic))
-            .ok_or_else(|| {
-                Error::Input(format!(
-                    "segment method '{word}': expected metis, slic-md, slic-mdodl or slic-mdode"
-                ))
-            })
-    }
-
     /// Whether modes are features of this method.
     pub fn uses_modes(self) -> bool {
         self != SegmentMethod::Metis
@@ -287,14 +272,13 @@ mod tests {
     #[test]
     fn names_go_both_ways() {
         for method in SegmentMethod::ALL {
-            assert_eq!(SegmentMethod::parse(method.name()).unwrap(), method);
             let json = serde_json::to_string(&method).unwrap();
             assert_eq!(json, format!("\"{method}\""));
             assert_eq!(serde_json::from_str::<SegmentMethod>(&json).unwrap(), method);
         }
-        assert_eq!(SegmentMethod::parse("slic").unwrap(), SegmentMethod::Slic);
-        let message = SegmentMethod::parse("SLIC").unwrap_err().to_string();
-        assert!(message.contains("'SLIC': expected metis"), "{message}");
+        assert_eq!(serde_json::from_str::<SegmentMethod>("\"slic\"").unwrap(), SegmentMethod::Slic);
+        let message = settings::read::<SegmentMethod>("method", &"SLIC".into()).unwrap_err().to_string();
+        assert!(message.contains("expected one of metis,") && message.contains("found SLIC"), "{message}");
     }
 
     #[test]

@@ -111,11 +111,11 @@ fn count(text: &str) -> std::result::Result<usize, String> {
 }
 
 fn method(text: &str) -> std::result::Result<SegmentMethod, String> {
-    SegmentMethod::parse(text).map_err(|e| e.to_string())
+    settings::read("method", &text.into()).map_err(|e| e.to_string())
 }
 
 fn modal_solver(text: &str) -> std::result::Result<ModalSolver, String> {
-    ModalSolver::parse(text).map_err(|e| e.to_string())
+    settings::read("modal solver", &text.into()).map_err(|e| e.to_string())
 }
 
 fn node_type(text: &str) -> std::result::Result<(String, NodeType), String> {

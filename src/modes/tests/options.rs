@@ -53,8 +53,3 @@ fn faer_gives_the_same_modes() {
         same(&plain.unwrap(), &found);
     }
 }
-
-#[test]
-fn a_solver_that_is_not_known_is_refused() {
-    assert!(matches!(ModalSolver::parse("fast"), Err(m4gn_base::Error::Input(_))));
-}
