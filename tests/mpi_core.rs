@@ -40,6 +40,7 @@ fn run(comm: &Comm) -> Vec<String> {
     joined(&mut checks);
     collectives(&mut checks);
     errors_are_shared(&mut checks);
+    all_fail_again_and_again(&mut checks);
     for (name, mesh) in meshes() {
         decompositions(&mut checks, name, &mesh);
     }
@@ -169,6 +170,18 @@ fn errors_are_shared(checks: &mut Checks) {
     };
     checks.that(right, "agree");
     checks.that(matches!(comm.agree(Ok(3)), Ok(3)), "agree on success");
+}
+
+/// Calls in which every rank fails by itself end with its own error, also where one rank has left the next call before another has
+/// heard that it left this one.
+fn all_fail_again_and_again(checks: &mut Checks) {
+    let comm = checks.comm.clone();
+    let right = (0..1000).all(|call| {
+        let word = format!("call {call}");
+        let ended = comm.guarded::<()>(|| Err(Error::Input(word.clone())));
+        matches!(ended, Err(Error::Input(message)) if message == word)
+    });
+    checks.that(right, "calls in which all ranks fail");
 }
 
 /// Ghosts get the owner's formula of the global number.

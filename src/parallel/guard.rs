@@ -11,6 +11,7 @@ use m4gn_base::{Error, Result};
 use mpi::point_to_point::Status;
 use mpi::traits::{Communicator, CommunicatorCollectives, Destination, Source};
 use std::any::Any;
+use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::{Duration, Instant};
@@ -153,13 +154,13 @@ impl MpiComm {
     fn someone_stays_away(&self) -> bool {
         self.listen();
         let left = self.left.borrow();
-        left.iter().flatten().any(|l| l.meetings < self.meetings.get())
+        left.iter().filter_map(VecDeque::front).any(|l| l.meetings < self.meetings.get())
     }
 
     /// Whether a message of a rank that left is here.
     pub(super) fn someone_left(&self) -> bool {
         self.listen();
-        self.left.borrow().iter().any(Option::is_some)
+        self.left.borrow().iter().any(|l| !l.is_empty())
     }
 
     fn listen(&self) {
@@ -183,8 +184,8 @@ impl MpiComm {
         let meetings = i64::from_le_bytes(*meetings);
         let message = String::from_utf8_lossy(message).into_owned();
         let mut left = self.left.borrow_mut();
-        left.resize(self.size as usize, None);
-        left[rank as usize] = Some(Left { class, meetings, message });
+        left.resize_with(self.size as usize, VecDeque::new);
+        left[rank as usize].push_back(Left { class, meetings, message });
     }
 
     /// Tells the others, waits until all have left, and says what this rank returns.
@@ -197,7 +198,7 @@ impl MpiComm {
             self.comm.get().process_at_rank(rank).send_with_tag(&message[..], TAG);
         }
         let started = Instant::now();
-        let others = |left: &[Option<Left>]| left.iter().flatten().count() as i32;
+        let others = |left: &[VecDeque<Left>]| left.iter().filter(|l| !l.is_empty()).count() as i32;
         while others(&self.left.borrow()) < self.size - 1 {
             self.listen();
             if started.elapsed() > PATIENCE {
@@ -205,7 +206,7 @@ impl MpiComm {
             }
             std::thread::yield_now();
         }
-        let left = std::mem::take(&mut *self.left.borrow_mut());
+        let left: Vec<Option<Left>> = self.left.borrow_mut().iter_mut().map(VecDeque::pop_front).collect();
         let untouched = |c: Class| c == Class::Usable;
         let usable = untouched(class) && left.iter().flatten().all(|l| untouched(l.class));
         self.broken.set(!usable);

@@ -19,6 +19,7 @@ use mpi::datatype::traits::Equivalence;
 use mpi::datatype::{Partition, PartitionMut};
 use mpi::traits::{Communicator, CommunicatorCollectives, Destination, Root, Source};
 use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
 use std::rc::Rc;
 
 /// Fortran handle that means "this host runs without MPI" (`M4GN_NO_MPI` of the C ABI).
@@ -53,8 +54,8 @@ pub struct MpiComm {
     scratch_f64: RefCell<Vec<f64>>,
     scratch_f32: RefCell<Vec<f32>>,
     scratch_i64: RefCell<Vec<i64>>,
-    /// Ranks that have left the call that this one is in.
-    left: RefCell<Vec<Option<guard::Left>>>,
+    /// How each rank left the call that this one is in, and calls after it: who has heard of all others may be at the next one.
+    left: RefCell<Vec<VecDeque<guard::Left>>>,
     /// Whether the last collective operation was an agreement that something failed.
     agreed: Cell<bool>,
     /// Meetings that this rank has come to.
