@@ -79,15 +79,17 @@ fn obstacle_faces<'a>(
         Error::Input(format!(
             "the mesh has no obstacle to take distances from: expected boundary faces of node type obstacle or wall, \
              found {}; name the obstacle's patches, or choose the method slic-md or metis",
-            names(comm, mesh.boundary.iter().map(|b| b.kind.name()))
+            listed(&words(comm, mesh.boundary.iter().map(|b| b.kind.name())))
         ))
     };
     if obstacles.is_empty()
         && let Some(faces) = found(all(&|b| b.kind == NodeType::Obstacle))
     {
-        let patches = names(comm, faces.iter().map(|b| patch(b)));
+        let patches = listed(&words(comm, faces.iter().map(|b| patch(b))));
         return Ok((faces, format!("the faces of node type obstacle, of {patches}")));
     }
+    let patches = words(comm, mesh.boundary.iter().map(patch));
+    let others: Vec<&String> = obstacles.iter().filter(|name| !patches.contains(*name)).collect();
     let extent = Extent::of(mesh, comm);
     let at_box = |centre: &Vector| {
         mesh.directions.iter().any(|&d| {
@@ -95,7 +97,11 @@ fn obstacle_faces<'a>(
             (centre[d] - low).min(high - centre[d]) <= 1e-9 * (high - low)
         })
     };
-    let pieces = wall_pieces(mesh, at_box, comm);
+    // Patches need no search for pieces.
+    let pieces = match others.is_empty() && !obstacles.is_empty() {
+        true => Vec::new(),
+        false => wall_pieces(mesh, at_box, comm),
+    };
     let name = |piece: &Piece| format!("{}:{}", mesh.patches[piece.patch as usize], piece.number);
     let said = |pieces: &[&Piece]| {
         let of = |piece: &&Piece| {
@@ -106,21 +112,29 @@ fn obstacle_faces<'a>(
         pieces.iter().map(of).collect::<Vec<_>>().join(", ")
     };
     if !obstacles.is_empty() {
-        let asked = |piece: &&Piece| obstacles.iter().any(|wanted| *wanted == name(piece));
-        let asked: Vec<&Piece> = pieces.iter().filter(asked).collect();
-        let wanted = |b: &BoundaryFace| {
-            obstacles.iter().any(|name| name == patch(b))
-                || b.kind == NodeType::Wall && asked.iter().any(|piece| piece.faces.contains(&b.global))
-        };
-        return match found(all(&wanted)) {
-            Some(faces) => Ok((faces, format!("what the setting obstacles names, {}", obstacles.join(", ")))),
-            None => Err(Error::Input(format!(
+        let asked: Vec<&Piece> = pieces.iter().filter(|piece| others.contains(&&name(piece))).collect();
+        let missing: Vec<&String> = others
+            .iter()
+            .copied()
+            .filter(|wanted| asked.iter().all(|piece| name(piece) != **wanted))
+            .collect();
+        if missing.len() == obstacles.len() {
+            return Err(Error::Input(format!(
                 "no face belongs to the obstacle {}: expected some of the patches {}, or of the pieces of walls {}",
                 obstacles.join(", "),
-                names(comm, mesh.boundary.iter().map(patch)),
+                listed(&patches),
                 if pieces.is_empty() { "none".into() } else { said(&pieces.iter().collect::<Vec<_>>()) }
-            ))),
-        };
+            )));
+        }
+        let there: Vec<&str> =
+            obstacles.iter().filter(|o| !missing.contains(o)).map(String::as_str).collect();
+        let mut note = format!("what the setting obstacles names, {}", there.join(", "));
+        missing.iter().for_each(|name| note += &format!("; no face is of {name}"));
+        let faces = all(&|b| {
+            there.contains(&patch(b))
+                || b.kind == NodeType::Wall && asked.iter().any(|piece| piece.faces.contains(&b.global))
+        });
+        return Ok((faces, note));
     }
     let inner: Vec<&Piece> = pieces.iter().filter(|piece| !piece.at_box).collect();
     if !inner.is_empty() {
@@ -138,15 +152,18 @@ fn obstacle_faces<'a>(
     ))
 }
 
-/// The different words of all ranks, for a message. Collective.
-fn names<'a>(comm: &Comm, words: impl Iterator<Item = &'a str>) -> String {
-    let own: BTreeSet<&str> = words.collect();
+/// The different words of all ranks. Collective.
+fn words<'a>(comm: &Comm, own: impl Iterator<Item = &'a str>) -> BTreeSet<String> {
+    let own: BTreeSet<&str> = own.collect();
     let bytes: Vec<u8> = own.iter().flat_map(|w| w.bytes().chain([0])).collect();
     let all = String::from_utf8_lossy(&everywhere(comm, &bytes)).into_owned();
-    let all: BTreeSet<&str> = all.split_terminator('\0').collect();
-    match all.is_empty() {
+    all.split_terminator('\0').map(str::to_owned).collect()
+}
+
+fn listed(words: &BTreeSet<String>) -> String {
+    match words.is_empty() {
         true => "none".into(),
-        false => all.into_iter().collect::<Vec<_>>().join(", "),
+        false => words.iter().map(String::as_str).collect::<Vec<_>>().join(", "),
     }
 }
 
@@ -173,6 +190,11 @@ mod tests {
         assert_eq!(distances(&mesh, &[]).unwrap(), [0.5; 4]);
         let message = distances(&mesh, &["cylinder"]).unwrap_err().to_string();
         assert!(message.contains("cylinder: expected some of the patches inlet, outlet, walls"), "{message}");
+        // A name that nothing has counts for nothing, and that is said.
+        let some = ["inlet", "inlett"].map(String::from);
+        let said = obstacle_note(&mesh, &some, &Comm::serial()).unwrap();
+        assert!(said.ends_with("obstacles names, inlet; no face is of inlett"), "{said}");
+        assert_eq!(distances(&mesh, &["inlet", "inlett"]).unwrap(), [0.5, 1.5, 2.5, 3.5]);
         let outlet = mesh.boundary.iter_mut().find(|b| b.patch == 1);
         outlet.unwrap().kind = NodeType::Obstacle;
         assert_eq!(distances(&mesh, &[]).unwrap(), [3.5, 2.5, 1.5, 0.5]);
