@@ -65,7 +65,6 @@ unsafe fn new(
         }
     };
     guard::together("m4gn_recorder_new", &comm, read, |(mesh, path, options)| {
-        mesh.check(&comm)?;
         let fields = options.fields.clone();
         Ok(RecorderHandle {
             fields,

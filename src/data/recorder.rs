@@ -51,21 +51,18 @@ impl Recorder {
     /// Starts a file. Collective.
     ///
     /// # Errors
-    /// [`Error::Mesh`] when the global numbers of cells or boundary faces are no permutation; what
-    /// [`Writer::create`] says.
+    /// As [`Mesh::check`]; what [`Writer::create`] says.
     pub fn create(comm: &Comm, mesh: &Mesh, path: &Path, options: &WriteOptions) -> Result<Self> {
+        mesh.check(comm)?;
         let cells = comm.gather(&mesh.cell_global);
         let numbers: Vec<i64> = mesh.boundary.iter().map(|f| f.global).collect();
         let boundary = comm.gather(&numbers);
-        let whole = whole_mesh(comm, mesh);
-        let root = match (cells, boundary, whole) {
-            (Some(cells), Some(boundary), Some(whole)) => whole
-                .and_then(|whole| {
-                    let writer = Writer::create(path, &whole, options)?;
-                    let (n_cells, n_boundary) = (whole.n_cells(), whole.boundary.len());
-                    Ok(Root { writer, cells, boundary, n_cells, n_boundary })
-                })
-                .map(Some),
+        let root = match (cells, boundary, whole_mesh(comm, mesh)) {
+            (Some(cells), Some(boundary), Some(whole)) => {
+                let (n_cells, n_boundary) = (whole.n_cells(), whole.boundary.len());
+                Writer::create(path, &whole, options)
+                    .map(|writer| Some(Root { writer, cells, boundary, n_cells, n_boundary }))
+            }
             _ => Ok(None),
         };
         Ok(Recorder {

@@ -2,7 +2,7 @@
 
 use crate::{ElasticModes, Mesh, NodeType};
 use m4gn_base::{Error, Result, refuse, refuse_any};
-use m4gn_parallel::Comm;
+use m4gn_parallel::{Comm, same_on_all_ranks};
 
 /// Sizes of a mesh over all ranks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,11 +22,10 @@ impl Mesh {
         let boundary: Vec<i64> = self.boundary.iter().map(|b| b.global).collect();
         let boundary = permutation(comm, "boundary_global", &boundary)?;
         refuse(cells == 0, Error::Mesh, || "the mesh has no cells on any rank")?;
-        let mut differing = [self.dim() as i64, -(self.dim() as i64)];
-        comm.max_i64(&mut differing);
-        comm.agree(refuse(differing[0] != -differing[1], Error::Mesh, || {
-            let (here, there) = (self.dim(), differing[0]);
-            format!("directions: this rank has {here}, another {there}; expected the same on all ranks")
+        same_on_all_ranks(comm, &[("number of directions", self.dim() as i64)])?;
+        let outside = self.coupled.iter().find(|c| !(0..cells).contains(&c.global));
+        comm.agree(refuse_any(outside, Error::Mesh, |c| {
+            format!("coupled_global holds {}: expected 0 to {}", c.global, cells - 1)
         }))?;
         let values = self.elastic.iter().flat_map(|e| e.eigenvalues.iter().copied());
         let own: Vec<f64> =
@@ -64,18 +63,7 @@ impl Mesh {
                 self.face_owner.len()
             )));
         }
-        let mut directions = self.directions.clone();
-        directions.sort_unstable();
-        directions.dedup();
-        if directions.len() != self.directions.len()
-            || !(1..=3).contains(&directions.len())
-            || directions.iter().any(|&d| d > 2)
-        {
-            return Err(Error::Mesh(format!(
-                "directions {:?}: expected one to three different ones of 0 (x), 1 (y), 2 (z)",
-                self.directions
-            )));
-        }
+        directions(&self.directions, 1)?;
         length("cell_global", self.cell_global.len(), "cells", n)?;
         length("cell_centres", self.cell_centres.len(), "cells", n)?;
         let faces = self.face_owner.len();
@@ -133,7 +121,16 @@ impl ElasticModes {
     }
 }
 
-fn length(name: &str, found: usize, of: &str, expected: usize) -> Result<()> {
+/// Whether these are different axes, `least` of them or more.
+pub fn directions(axes: &[usize], least: usize) -> Result<()> {
+    let different = (0..3).filter(|d| axes.contains(d)).count();
+    refuse(different != axes.len() || different < least, Error::Mesh, || {
+        format!("directions {axes:?}: expected {least} to 3 different ones of 0 (x), 1 (y), 2 (z)")
+    })
+}
+
+/// Whether a list is as long as what it belongs to.
+pub fn length(name: &str, found: usize, of: &str, expected: usize) -> Result<()> {
     refuse(found != expected, Error::Mesh, || {
         format!("{name} has {found} entries, but there are {expected} {of}")
     })
@@ -146,7 +143,8 @@ fn label(name: &str, i: usize, value: i32, n: usize) -> Result<()> {
     })
 }
 
-fn finite(name: &str, i: usize, v: &[f64; 3]) -> Result<()> {
+/// Whether a place or a vector is one.
+pub fn finite(name: &str, i: usize, v: &[f64; 3]) -> Result<()> {
     let bad = v.iter().any(|x| !x.is_finite());
     refuse(bad, Error::Mesh, || format!("{name}[{i}] is {v:?}: expected finite numbers"))
 }
@@ -195,7 +193,7 @@ fn permutation(comm: &Comm, name: &str, numbers: &[i64]) -> Result<i64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample;
+    use crate::{CoupledFace, sample};
 
     #[test]
     fn sample_meshes_are_whole() {
@@ -205,10 +203,14 @@ mod tests {
         sample::block([2, 3, 2], [1.0, 1.0, 1.0]).check(&Comm::serial()).unwrap();
     }
 
+    fn coupled(global: i64) -> CoupledFace {
+        CoupledFace { owner: 0, rank: 0, global, delta: [1.0, 0.0, 0.0], coeff: 1.0 }
+    }
+
     #[test]
     fn errors_name_the_place() {
         type Change = fn(&mut Mesh);
-        let changes: [(Change, &str); 8] = [
+        let changes: [(Change, &str); 10] = [
             (|m| m.cell_volumes[4] = -1.0, "cell_volumes[4] is -1"),
             (|m| m.face_owner[2] = 77, "face_owner[2] is 77: expected 0 to 5"),
             (|m| m.cell_global[0] = 5, "5 more than once"),
@@ -216,6 +218,8 @@ mod tests {
             (|m| m.face_owner.truncate(2), "face_neighbour has 7 entries, but there are 2 faces"),
             (|m| m.cell_volumes.truncate(2), "cell_global has 6 entries, but there are 2 cells"),
             (|m| m.boundary[0].patch = 9, "boundary_patch[0]"),
+            (|m| m.directions = vec![0, 0], "directions [0, 0]: expected 1 to 3 different ones"),
+            (|m| m.coupled = vec![coupled(6)], "coupled_global holds 6: expected 0 to 5"),
             (|m| *m = Mesh { directions: vec![0, 1], ..Default::default() }, "no cells"),
         ];
         for (change, expected) in changes {

@@ -7,7 +7,7 @@
 pub mod block;
 pub mod body;
 mod cell_sizes;
-mod check;
+pub mod check;
 mod coupled;
 pub mod elements;
 mod extent;

@@ -2,6 +2,7 @@
 
 use super::mesh::PointMesh;
 use m4gn_base::{Error, Result, refuse, refuse_any};
+use m4gn_mesh::check::{directions, finite, length};
 
 /// Everything that one rank can see.
 pub(super) fn local(mesh: &PointMesh) -> Result<()> {
@@ -10,25 +11,9 @@ pub(super) fn local(mesh: &PointMesh) -> Result<()> {
     refuse_any(sizes.into_iter().find(|&n| n > limit), Error::Mesh, |n| {
         format!("{n} points, faces or cells on one rank: at most {limit}; use more ranks")
     })?;
-    let mut directions = mesh.directions.clone();
-    directions.sort_unstable();
-    directions.dedup();
-    if directions.len() != mesh.dim() || !(2..=3).contains(&mesh.dim()) || directions.iter().any(|&d| d > 2) {
-        return Err(Error::Mesh(format!(
-            "directions {:?}: expected two or three different ones of 0 (x), 1 (y), 2 (z)",
-            mesh.directions
-        )));
-    }
-    if mesh.point_global.len() != mesh.points.len() {
-        return Err(Error::Mesh(format!(
-            "point_global has {} entries, but there are {} points",
-            mesh.point_global.len(),
-            mesh.points.len()
-        )));
-    }
-    if let Some(p) = mesh.points.iter().position(|x| x.iter().any(|c| !c.is_finite())) {
-        return Err(Error::Mesh(format!("points[{p}] is {:?}: expected finite numbers", mesh.points[p])));
-    }
+    directions(&mesh.directions, 2)?;
+    length("point_global", mesh.point_global.len(), "points", mesh.points.len())?;
+    mesh.points.iter().enumerate().try_for_each(|(p, x)| finite("points", p, x))?;
     faces(mesh)?;
     cells(mesh)
 }

@@ -1,8 +1,8 @@
 //! The solver's mesh by points: cells as lists of faces, faces as lists of points, the way OpenFOAM keeps them.
 
 use super::check;
-use m4gn_base::{Error, Result};
-use m4gn_parallel::Comm;
+use m4gn_base::{Error, Result, refuse};
+use m4gn_parallel::{Comm, same_on_all_ranks};
 use std::collections::HashMap;
 
 /// This rank's part of a polyhedral mesh whose unknowns stand on points. Labels are local unless called global;
@@ -97,22 +97,10 @@ impl PointMesh {
     /// same way. Collective; all ranks fail together.
     pub fn check(&self, comm: &Comm) -> Result<()> {
         comm.agree(check::local(self))?;
-        let mut sizes = [self.n_cells as i64];
-        comm.sum_i64(&mut sizes);
-        let mut same = [self.dim() as i64, -(self.dim() as i64)];
-        comm.max_i64(&mut same);
-        let result = if sizes[0] == 0 {
-            Err(Error::Mesh("the mesh has no cells on any rank".into()))
-        } else if same[0] != -same[1] {
-            Err(Error::Mesh(format!(
-                "directions: this rank has {}, another {}; expected the same on all ranks",
-                self.dim(),
-                same[0].max(-same[1])
-            )))
-        } else {
-            Ok(())
-        };
-        comm.agree(result)
+        let mut cells = [self.n_cells as i64];
+        comm.sum_i64(&mut cells);
+        refuse(cells[0] == 0, Error::Mesh, || "the mesh has no cells on any rank")?;
+        same_on_all_ranks(comm, &[("number of directions", self.dim() as i64)])
     }
 
     /// Points of each cell, ascending.
