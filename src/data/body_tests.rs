@@ -113,8 +113,8 @@ fn what_is_inconsistent_is_named() {
     assert!(labels("obstacle/triangles", 0, -1).contains("/obstacle/triangles[0] is -1"));
     assert!(labels("obstacle/triangles", 0, 3).contains("not closed"));
     let value = |name: &str, value: f64| message(|f| edit(f, name, 2, |_| value));
-    assert!(value("elements/poisson", 0.5).contains("element 2 has E 1000000 Pa, nu 0.5"));
-    assert!(value("elements/density", 0.0).contains("rho 0 kg"));
+    assert!(value("elements/poisson", 0.5).contains("Poisson's ratio of element 2 is 0.5"));
+    assert!(value("elements/density", 0.0).contains("density of element 2 is 0 kg"));
     assert!(value("elements/young", f64::NAN).contains("expected a finite one"));
     assert!(value("mesh/cell_centres", f64::INFINITY).contains("value 2 of /mesh/cell_centres"));
     assert!(value("mesh/cell_centres", 0.05).contains("element 0 has the volume -"));

@@ -4,7 +4,7 @@ use crate::elements::{ElementKind, Elements};
 use crate::surface::Surface;
 use crate::vector::{Vector, cross, moved, norm, sub};
 use crate::{Mesh, NodeType};
-use m4gn_base::{Error, Result, refuse_any};
+use m4gn_base::{Error, Result, refuse, refuse_any};
 use m4gn_parallel::{Comm, everywhere};
 
 /// Isotropic material of an element.
@@ -16,6 +16,36 @@ pub struct Material {
     pub poisson: f64,
     /// Density at rest, kg/m^3.
     pub density: f64,
+}
+
+impl Material {
+    /// Whether a body can be of it: of the element or cell of this name and number.
+    ///
+    /// # Errors
+    /// Of this kind, naming the value.
+    pub fn check(&self, (of, number): (&str, usize), kind: fn(String) -> Error) -> Result<()> {
+        for (name, value, unit) in
+            [("Young's modulus", self.young, "Pa"), ("density", self.density, "kg/m^3")]
+        {
+            refuse(!(value.is_finite() && value > 0.0), kind, || {
+                format!("{name} of {of} {number} is {value} {unit}: expected a positive finite number")
+            })?;
+        }
+        let nu = self.poisson;
+        refuse(!(nu > -1.0 && nu < 0.5), kind, || {
+            format!(
+                "Poisson's ratio of {of} {number} is {nu}: expected a value above -1 and below 0.5; for a material that keeps \
+                 its volume set 0.4999"
+            )
+        })?;
+        // The bulk modulus divides by 1 - 2 nu.
+        refuse(nu > 0.5 - 1e-7, kind, || {
+            format!(
+                "Poisson's ratio of {of} {number} is within 1e-7 of 0.5: the stiffness matrix would be singular to rounding; set \
+                 0.4999"
+            )
+        })
+    }
 }
 
 /// A body at rest.
@@ -66,16 +96,8 @@ impl Body {
         refuse_any(self.types.iter().position(|t| !held(t)), Error::Mesh, |p| {
             format!("point {p} of the body is {}: expected body or handle", self.types[p].name())
         })?;
-        for (e, m) in self.material.iter().enumerate() {
-            let Material { young, poisson, density } = m;
-            let positive = |v: f64| v.is_finite() && v > 0.0;
-            if !positive(*young) || !positive(*density) || !(-1.0..0.5).contains(poisson) {
-                return Err(Error::Mesh(format!(
-                    "element {e} has E {young} Pa, nu {poisson}, rho {density} kg/m^3, expected E and rho above 0 and nu \
-                     below 0.5"
-                )));
-            }
-        }
+        let mut materials = self.material.iter().enumerate();
+        materials.try_for_each(|(e, m)| m.check(("element", e), Error::Mesh))?;
         for e in 0..self.elements.len() {
             let volume = self.elements.kind[e].measure(&self.elements.corners(e, &self.positions));
             if !(volume.is_finite() && volume > 0.0) {
@@ -338,7 +360,8 @@ mod tests {
         assert!(broken(&|m| m.cell_centres[0][0] = f64::NAN).contains("finite"));
         assert!(share(&|s| s.types[1] = NodeType::Wall).contains("is wall: expected body or handle"));
         assert!(share(&|s| s.points[0] = 12).contains("the point 12: expected 0 to 11"));
-        assert!(share(&|s| s.material[1].young = 0.0).contains("element 1 has E 0 Pa"));
+        assert!(share(&|s| s.material[1].young = 0.0).contains("Young's modulus of element 1 is 0 Pa"));
+        assert!(share(&|s| s.material[0].poisson = -1.0).contains("Poisson's ratio of element 0 is -1"));
         assert!(share(&|s| s.points[..8].rotate_left(4)).contains("m^3 at rest"));
         assert!(share(&|s| s.types.truncate(3)).contains("expected 12, found 3"));
     }

@@ -24,38 +24,10 @@ pub(super) fn moduli(material: &Material, dim: usize, plane: Plane) -> (f64, f64
     (lambda, mu)
 }
 
-fn check_one(material: &Material, cell: usize) -> Result<()> {
-    let positive = |name: &str, unit: &str, value: f64| {
-        if value.is_finite() && value > 0.0 {
-            return Ok(());
-        }
-        Err(Error::Input(format!(
-            "{name} of cell {cell} is {value} {unit}: expected a positive finite number"
-        )))
-    };
-    positive("Young's modulus", "Pa", material.young)?;
-    positive("density", "kg/m^3", material.density)?;
-    if !(material.poisson > -1.0 && material.poisson < 0.5) {
-        return Err(Error::Input(format!(
-            "Poisson's ratio of cell {cell} is {}: expected a value above -1 and below 0.5; for a material that \
-             keeps its volume set 0.4999",
-            material.poisson
-        )));
-    }
-    // The bulk modulus divides by 1 - 2 nu.
-    if material.poisson > 0.5 - 1e-7 {
-        return Err(Error::Input(format!(
-            "Poisson's ratio of cell {cell} is within 1e-7 of 0.5: the stiffness matrix would be singular to \
-             rounding; set 0.4999"
-        )));
-    }
-    Ok(())
-}
-
 /// One material a cell, each with values that make sense.
 pub(super) fn check(materials: &[Material], n_cells: usize) -> Result<()> {
     refuse(materials.len() != n_cells, Error::Input, || {
         format!("{} materials for {n_cells} cells: expected one a cell", materials.len())
     })?;
-    materials.iter().enumerate().try_for_each(|(c, m)| check_one(m, c))
+    materials.iter().enumerate().try_for_each(|(c, m)| m.check(("cell", c), Error::Input))
 }
