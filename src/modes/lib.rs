@@ -66,16 +66,6 @@ pub fn negative_mass(why: &str) -> Error {
     ))
 }
 
-/// The pair of matrices of the Laplacian modes, eq. 6. Collective; all ranks fail together.
-///
-/// # Errors
-/// [`m4gn_base::Error::Mesh`] for coupled faces whose other side is not found.
-pub fn laplacian(mesh: &Mesh, comm: &Comm) -> Result<Problem> {
-    let (mut problem, _) = assemble::laplacian(mesh, comm)?;
-    problem.positions.clone_from(&mesh.cell_centres);
-    Ok(problem)
-}
-
 /// The first Laplacian modes. Collective; all ranks fail together.
 ///
 /// If the last eigenvalue is repeated, its whole cluster is returned: there may be more modes than asked for, never
@@ -139,15 +129,6 @@ fn of_body(mesh: &Mesh, modes: &ElasticModes, count: usize) -> Result<Modes> {
 pub fn solve(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
     problem.check(comm)?;
     Solution::new(Cow::Borrowed(problem), Frame::of(problem, comm), comm, options)?.modes(false)
-}
-
-/// The same modes as [`solve`] by a dense eigen-decomposition, which it serves to test.
-///
-/// # Errors
-/// As [`solve`].
-pub fn reference(problem: &Problem, comm: &Comm, options: &ModalOptions) -> Result<Modes> {
-    problem.check(comm)?;
-    Solution::new(Cow::Borrowed(problem), Frame::of(problem, comm), comm, options)?.modes(true)
 }
 
 /// The same modes as [`laplacian_modes`] by a dense eigen-decomposition, which it serves to test.

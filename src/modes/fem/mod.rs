@@ -62,14 +62,6 @@ pub struct SolidModes {
     pub vectors: Vec<Vec<[f64; 3]>>,
 }
 
-impl SolidModes {
-    /// Frequencies, Hz; 0 where rounding made an eigenvalue negative.
-    pub fn frequencies(&self) -> Vec<f64> {
-        let hertz = |value: &f64| value.max(0.0).sqrt() / (2.0 * std::f64::consts::PI);
-        self.eigenvalues.iter().map(hertz).collect()
-    }
-}
-
 /// Stiffness and mass of a body, distributed, with held displacements removed.
 pub struct System {
     /// K and M of the points that move, `dim` unknowns a point, points in the order of `owned_points`.
