@@ -241,7 +241,7 @@ impl Ride<'_> {
             }
         }
         self.watch.handed_back(self.totals.steps);
-        self.quantities.handed_back(jump.done.max(1));
+        self.quantities.handed_back(jump.done.max(1), self.step.time);
         if jump.done > 0 || !jump.over || !jump.carried_on {
             self.log_jump(&jump, quantities);
         }
@@ -297,7 +297,8 @@ impl Ride<'_> {
             Phase::Jumping(jump) => jump.is_new(),
             Phase::Advancing(_) | Phase::HandingBack(_) => false,
         };
-        let held = self.quantities.reported(&self.settings.quantities, values, solver, &self.step.name);
+        let time = (self.step.time, &self.step.name[..]);
+        let held = self.quantities.reported(&self.settings.quantities, values, solver, time);
         self.log.text += &held.note;
         self.log.warnings.extend(held.warning);
         if !held.decided.is_null() {

@@ -69,9 +69,10 @@ impl Track {
 #[serde(deny_unknown_fields)]
 pub(crate) struct Quantities {
     tracks: Vec<Track>,
-    /// Of the state that a jump ended with, and of the solver's first step from it; none where they are no numbers.
+    /// Of the state that a jump ended with, and of the solver's first step from it; none where they are no numbers. Times of both, s.
     handed_back: Vec<Option<f64>>,
     first: Vec<Option<f64>>,
+    times: [f64; 2],
     /// Strides of the jump that is judged.
     jump: usize,
     /// Most strides of the next jump; none: no limit.
@@ -90,19 +91,22 @@ pub(crate) struct Held {
 }
 
 impl Quantities {
-    /// The values after the present state: of the solver, or of a stride.
+    /// The values after the present state: of the solver, or of a stride. `time`: s, and its name.
     pub fn reported(
         &mut self,
         settings: &[QuantitySettings],
         values: &[f64],
         solver: bool,
-        time: &str,
+        time: (f64, &str),
     ) -> Held {
         self.tracks.resize(settings.len(), Track::default());
         let mut held = Held::default();
         if solver && !self.handed_back.is_empty() {
             match self.first.is_empty() {
-                true => self.first = values.iter().map(|v| v.is_finite().then_some(*v)).collect(),
+                true => {
+                    self.first = values.iter().map(|v| v.is_finite().then_some(*v)).collect();
+                    self.times[1] = time.0;
+                }
                 false => held = self.judge(settings, values, time),
             }
         }
@@ -118,9 +122,9 @@ impl Quantities {
         held
     }
 
-    /// A jump of so many strides has ended with the state that was reported last.
-    pub fn handed_back(&mut self, strides: usize) {
-        self.jump = strides;
+    /// A jump of so many strides has ended with the state that was reported last, of this time, s.
+    pub fn handed_back(&mut self, strides: usize, time: f64) {
+        (self.jump, self.times[0]) = (strides, time);
         self.first.clear();
         self.handed_back = self.tracks.iter().map(|t| t.last).collect();
     }
@@ -130,13 +134,16 @@ impl Quantities {
         self.most.map_or(wanted, |most| wanted.min(most))
     }
 
-    fn judge(&mut self, settings: &[QuantitySettings], second: &[f64], time: &str) -> Held {
+    fn judge(&mut self, settings: &[QuantitySettings], second: &[f64], (now, time): (f64, &str)) -> Held {
         let (handed, first) = (std::mem::take(&mut self.handed_back), std::mem::take(&mut self.first));
+        // Solvers adjust their steps
+        let [begun, stepped] = self.times;
+        let steps = (stepped - begun) / (now - stepped);
         let (mut told, mut decided, mut beyond) = (Vec::new(), Vec::new(), false);
         for (i, s) in settings.iter().enumerate() {
             let variation = self.tracks[i].variation();
             let off = match (handed[i], first[i]) {
-                (Some(handed), Some(first)) => (handed - (2.0 * first - second[i])).abs(),
+                (Some(handed), Some(first)) => (handed - first + steps * (second[i] - first)).abs(),
                 _ => f64::INFINITY,
             };
             let error = match (off, variation) {
@@ -203,17 +210,17 @@ mod tests {
     fn after_steps() -> Quantities {
         let mut q = Quantities::default();
         for i in 0..40 {
-            let held = q.reported(&settings(), &[if i % 2 == 0 { 2.0 } else { 4.0 }], true, "1");
+            let held = q.reported(&settings(), &[if i % 2 == 0 { 2.0 } else { 4.0 }], true, (1.0, "1"));
             assert_eq!(held, Held::default());
         }
         q
     }
 
     fn jump(q: &mut Quantities, strides: usize, ends: f64, steps: [f64; 2]) -> Held {
-        q.reported(&settings(), &[ends], false, "2");
-        q.handed_back(strides);
-        assert_eq!(q.reported(&settings(), &[steps[0]], true, "2.1"), Held::default());
-        q.reported(&settings(), &[steps[1]], true, "2.2")
+        q.reported(&settings(), &[ends], false, (2.0, "2"));
+        q.handed_back(strides, 2.0);
+        assert_eq!(q.reported(&settings(), &[steps[0]], true, (2.125, "2.125")), Held::default());
+        q.reported(&settings(), &[steps[1]], true, (2.25, "2.25"))
     }
 
     #[test]
@@ -236,15 +243,25 @@ mod tests {
     }
 
     #[test]
+    fn steps_that_are_adjusted_lead_back_to_the_same() {
+        let mut q = after_steps();
+        q.reported(&settings(), &[3.0], false, (2.0, "2"));
+        q.handed_back(60, 2.0);
+        q.reported(&settings(), &[3.25], true, (2.25, "2.25"));
+        q.reported(&settings(), &[4.0], true, (3.0, "3"));
+        assert!(q.most(60) == 60 && q.summary(&settings())[0].1 < 1e-12);
+    }
+
+    #[test]
     fn what_is_no_number_is_kept_for_a_run_that_is_carried_on() {
         let mut q = after_steps();
         jump(&mut q, 8, f64::NAN, [3.0, 3.0]);
         // What never varied, and is off after a jump.
         q.tracks[0].values = [1.0; 9].into();
         jump(&mut q, 8, 2.0, [1.0, 1.0]);
-        q.reported(&settings(), &[f64::INFINITY], false, "3");
-        q.handed_back(4);
-        q.reported(&settings(), &[f64::NAN], true, "3.1");
+        q.reported(&settings(), &[f64::INFINITY], false, (3.0, "3"));
+        q.handed_back(4, 3.0);
+        q.reported(&settings(), &[f64::NAN], true, (3.1, "3.1"));
         let text = serde_json::to_string(&q).unwrap();
         assert_eq!(serde_json::from_str::<Quantities>(&text).unwrap(), q, "{text}");
     }
