@@ -13,7 +13,7 @@ below "$(foamListTimes -case run/cylinder/mean -latestTime)" 30 'mean-with-inter
 follow a-study 's/--count 6/--count 3/; /campaign run/i sed -i "s/^held_out .*/held_out = 0/" study/campaign.toml'
 [ "$(grep -c ',true,' run/study/results.csv)" -eq 6 ] || fail 'a-study: not both figures of three runs are known'
 ln -s "$M4GN_HOME/configs" configs
-follow first-network 's/steps = 2000/steps = 600/; s/1500/560/; s/--count 3/--count 1/'
+follow first-network 's/steps = 2000/steps = 600/; s/1500/560/; s/--count 3/--count 1 --end 5/'
 [ -s run/first/0000/control.json ] || fail 'first-network: there is no run under control'
 
 # Your own case: a square in a wind

@@ -40,9 +40,13 @@ while read -r tutorial steps ahead limit text; do
     same ../plain
     [ -s "$(find . -name trajectory.h5)" ] || fail "$what: nothing was recorded"
 
-    # Solved ahead
+    # Solved ahead, and recorded for the oracle
     clean_case
-    echo 'anderson { type m4gnAnderson; libs (m4gnFoam); }' > system/functions
+    export LD_LIBRARY_PATH=$oracle
+    ORACLE_STRIDE=$(calc "2*$step")
+    export ORACLE_STRIDE ORACLE_FRAMES=2
+    function_object m4gnRecorder 'fields (D); writeControl timeStep; writeInterval 1;'
+    echo 'anderson { type m4gnAnderson; libs (m4gnFoam); }' >> system/functions
     runs solids4Foam
     case $ahead in
         left:*)
@@ -62,14 +66,8 @@ while read -r tutorial steps ahead limit text; do
 
     # Replaced: from the fourth step two steps are the surrogate's
     clean_case
-    export LD_LIBRARY_PATH=$oracle
-    ORACLE_STRIDE=$(awk "BEGIN { print 2*$step }")
-    export ORACLE_STRIDE ORACLE_FRAMES=2
-    function_object m4gnRecorder 'fields (D); writeControl timeStep; writeInterval 1;'
-    runs solids4Foam
-    clean_case
     : > any
-    function_object m4gnSurrogate "mode replace; model any; solverSteps 4; surrogateSteps 1; timeStart $(awk "BEGIN { print 3.5*$step }");"
+    function_object m4gnSurrogate "mode replace; model any; solverSteps 4; surrogateSteps 1; timeStart $(calc "3.5*$step");"
     if [ "$limit" = refused ]; then
         refused "$text" solids4Foam
         [ "$(grep -c '^Time = ' log.run)" -le 1 ] || fail "$what: refused in step $(grep -c '^Time = ' log.run), expected the first"
