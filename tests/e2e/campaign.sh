@@ -309,3 +309,12 @@ runs m4gn campaign run --store cycles
 expect_log 'r06 .* from cold (cycle took [0-9.e+]* of a cold run, nearest took [0-9.e+]* of a cold run)'
 runs m4gn campaign status --store cycles
 expect_log 'r06 .*cold.*nearest took'
+
+# A run whose solver does not go on behind its end has its answer all the same
+{ echo '#!/bin/bash'; echo '[ ! -e ran ] || exit 1'; echo 'touch ran; exec icoFoam > /dev/null'; } > cavity/once
+chmod +x cavity/once
+runs m4gn campaign init cavity --out once --parameter Ulid=1 --parameter n=20
+quantity once
+sed -i 's/^min_time = .*/min_time = 1.3/; s/^solver = .*/solver = [".\/once"]/' once/campaign.toml
+runs m4gn campaign one r01 --store once
+expect_log '^r01: speed .*its cycle cannot be taken'

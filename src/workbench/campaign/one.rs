@@ -9,7 +9,7 @@ use super::{Campaign, Unit};
 use crate::compare::surrogate;
 use crate::generate::case::program;
 use crate::generate::process::{Surroundings, ends, full};
-use crate::user_case::{averages, names};
+use crate::user_case::{averages, names, times};
 use m4gn_base::{Error, Result, files};
 use std::collections::BTreeMap;
 use std::fs;
@@ -118,7 +118,7 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
     let mut cost = Cost { prepare: clock.lap()?, ..Cost::default() };
 
     let mesh = if asked == Start::Cold { String::new() } else { start::mesh(case)? };
-    let started = start::make(&plan, (case, &mesh), &sisters, scale, tools)?;
+    let mut started = start::make(&plan, (case, &mesh), &sisters, scale, tools)?;
     let stored = plan.stored(&mesh, &sisters, scale);
     if let Some(stored) = stored {
         source.store(case, stored, None)?;
@@ -136,7 +136,8 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
     let (quantities, period) = figures(campaign, case, &log)?;
     let end_time = ended(case, source.start, &log)?.1;
     cost.start += clock.lap()?;
-    let behind = plan.behind(&mesh, &sisters, period, end_time - source.start).filter(|_| stored.is_none());
+    let mut behind =
+        plan.behind(&mesh, &sisters, period, end_time - source.start).filter(|_| stored.is_none());
     if let Some(stored) = behind {
         let kept = log.with_extension("answer");
         let moved = |from: &Path, to: &Path| {
@@ -144,7 +145,17 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
         };
         moved(&log, &kept)?;
         source.store(case, stored, Some(end_time))?;
-        limit(tools.run(case, &solver))?;
+        match limit(tools.run(case, &solver)) {
+            Ok(()) => {}
+            Err(Error::Interrupted(e)) => return Err(Error::Interrupted(e)),
+            // The answer is there, and these states are for its sisters
+            Err(e) => {
+                forget_behind(case, end_time)?;
+                let notes = started.note.take().into_iter();
+                let notes = notes.chain([format!("its cycle cannot be taken, as it does not go on: {e}")]);
+                (behind, started.note) = (None, Some(notes.collect::<Vec<_>>().join("; ")));
+            }
+        }
         moved(&log, &case.join("log.states"))?;
         moved(&kept, &log)?;
     }
@@ -187,6 +198,19 @@ fn ended(case: &Path, start: f64, log: &Path) -> Result<(String, f64)> {
     last_time(ranks.as_deref().unwrap_or(case), start)?.ok_or_else(|| {
         Error::file(log, format!("expected fields behind time {start} from the run, found none"))
     })
+}
+
+/// Removes what a run has written behind this time, s.
+fn forget_behind(case: &Path, end: f64) -> Result<()> {
+    let ranks = names(case)?.into_iter().filter(|name| name.starts_with("processor"));
+    let folders = ranks.map(|name| case.join(name)).filter(|path| path.is_dir()).chain([case.to_path_buf()]);
+    for folder in folders {
+        for (name, _) in times(&folder)?.into_iter().filter(|(_, time)| *time > end) {
+            let path = folder.join(name);
+            fs::remove_dir_all(&path).map_err(|e| Error::file(&path, format!("cannot be removed: {e}")))?;
+        }
+    }
+    Ok(())
 }
 
 /// Refuses a state with a file that is cut off: solvers do not look whether the disk has taken what they write.
