@@ -225,14 +225,19 @@ mod tests {
             ("0/Cd_0.dat", "2 2\n3 2\n4 2\n5 2\n"),
             ("4/Cd.dat", "5 3\n"),
             ("4/Cd_0.dat", "6 9\n"),
+            ("5/Cd.dat", "5.5 7\n"),
         ] {
             let path = folder.path().join(file);
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
             std::fs::write(path, text).unwrap();
         }
         let all = read(&folder.path().join("Cd.dat"), "1").unwrap();
-        assert_eq!(all.times, [1.0, 2.0, 3.0, 4.0, 5.0]);
-        assert_eq!(all.values, [1.0, 2.0, 2.0, 2.0, 3.0]);
+        assert_eq!(all.times, [1.0, 2.0, 3.0, 4.0, 5.0, 5.5]);
+        assert_eq!(all.values, [1.0, 2.0, 2.0, 2.0, 3.0, 7.0]);
+        let one = read(&folder.path().join("0/Cd.dat"), "1").unwrap();
+        assert_eq!((one.times.len(), one.series(2.0).len()), (3, 2));
+        let gone = read(&folder.path().join("b.dat"), "1").unwrap_err().to_string();
+        assert!(gone.contains("b.dat: is not there"), "{gone}");
     }
 
     #[test]
@@ -248,26 +253,5 @@ mod tests {
         assert!(fails("1 2\n1 3\n", "1").starts_with("line 2: expected a time later than"));
         assert_eq!(fails("# t a\n", "a"), "expected rows of numbers, found none");
         assert_eq!(column("# t a word\n1 2 U\n", "a").unwrap().values, [2.0], "other columns may be words");
-    }
-
-    #[test]
-    fn restarts_are_joined_and_later_ones_win() {
-        let folder = tempfile::tempdir().unwrap();
-        for (start, text) in [
-            ("0", "# Time a\n1 1\n2 2\n3 3\n"),
-            ("2", "# Time a\n2.5 25\n3 30\n"),
-            ("2.75", "# Time a\n2.9 7\n"),
-        ] {
-            std::fs::create_dir(folder.path().join(start)).unwrap();
-            std::fs::write(folder.path().join(start).join("a.dat"), text).unwrap();
-        }
-        let all = read(&folder.path().join("a.dat"), "a").unwrap();
-        assert_eq!(all.times, [1.0, 2.0, 2.5, 2.9]);
-        assert_eq!(all.values, [1.0, 2.0, 25.0, 7.0]);
-        let one = read(&folder.path().join("0/a.dat"), "a").unwrap();
-        assert_eq!(one.times, [1.0, 2.0, 3.0]);
-        assert_eq!(one.series(2.0).len(), 2);
-        let gone = read(&folder.path().join("b.dat"), "a").unwrap_err().to_string();
-        assert!(gone.contains("b.dat: is not there"), "{gone}");
     }
 }

@@ -60,16 +60,4 @@ mod tests {
         assert_eq!(percent(None), "-");
         assert_eq!(seconds(0.1 + 0.2), "0.3");
     }
-
-    #[test]
-    fn a_file_is_written_whole_or_not_at_all() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("report.html");
-        write_file(&path, b"one").unwrap();
-        write_file(&path, b"two").unwrap();
-        assert_eq!(std::fs::read(&path).unwrap(), b"two");
-        let error = write_file(&dir.path().join("none/report.html"), b"x").unwrap_err();
-        assert!(error.to_string().contains("cannot be written"), "{error}");
-        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
-    }
 }

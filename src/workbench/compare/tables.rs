@@ -217,19 +217,4 @@ mod tests {
         );
         assert_eq!(Table::read(dir.path(), "p", "U").unwrap().column(2).values, [2.0, 5.0]);
     }
-
-    #[test]
-    fn names_of_columns_keep_their_own_brackets() {
-        // As openfoam.com writes them from v2206 on, and as v1912 does
-        for heads in ["Time\tCd\tCd(f)\tCd(r)\tCl\tCl(f)\tCl(r)", "Time\tCd\tCs\tCl\tCl(f)"] {
-            let places = heads.split('\t').enumerate();
-            let rows: Vec<String> = places.map(|(i, _)| i.to_string()).collect();
-            let table = Table::parse(&format!("# {heads}\n{}\n", rows.join("\t")));
-            let lift = heads.split('\t').position(|name| name == "Cl").unwrap() as f64;
-            assert_eq!(table.coefficients().unwrap().map(|s| s.values), [vec![1.0], vec![lift]]);
-        }
-        let forces =
-            "# Time\t(total_x total_y total_z)\t(pressure_x pressure_y pressure_z)\n1\t(1 2 3)\t(4 5 6)\n";
-        assert_eq!(Table::parse(forces).force([0.0, 1.0, 0.0]).unwrap().values, [2.0]);
-    }
 }
