@@ -186,11 +186,6 @@ unsafe fn step(given: *const RideStep) -> Result<(Step, String)> {
     Ok((step, same))
 }
 
-/// Settings of the ride.
-pub(super) fn settings(text: &str) -> Result<RideSettings> {
-    RideSettings::parse(text)
-}
-
 /// `m4gn_host`
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
@@ -229,7 +224,7 @@ impl Setup {
         let bad = |text: &str| Err(Error::Input(format!("host: {text}")));
         // SAFETY: passed on to the caller.
         unsafe {
-            let settings = settings(pointers::options(options)?)?;
+            let settings = RideSettings::parse(pointers::options(options)?)?;
             let (start, mut same) = step(start)?;
             let network = !host.session.is_null() || !host.own.is_null();
             match (settings.has(NETWORK), network) {

@@ -2,7 +2,6 @@
 
 use crate::candidate::Candidate;
 use crate::conditions::Conditions;
-use crate::control::Control;
 use crate::decisions::Decisions;
 use crate::jump::Jump;
 use crate::log::Log;
@@ -216,11 +215,6 @@ impl<'a> Ride<'a> {
             log,
             settings,
         })
-    }
-
-    /// What was set.
-    pub fn settings(&self) -> &RideSettings {
-        &self.settings
     }
 
     /// The arrays of the state.
@@ -479,11 +473,6 @@ impl<'a> Ride<'a> {
             found.bad.into_iter().for_each(|bad| self.log.not_finite(&self.step.name, Some(bad)));
         }
         Ok(())
-    }
-
-    /// The controller of a surrogate; none: there is none.
-    pub fn control(&self, surrogate: usize) -> Option<&Control> {
-        self.candidates.get(surrogate)?.control.as_ref()
     }
 
     /// The rollout of an observed surrogate minus the solver, of an array that it advances, and the name of the time at which they were

@@ -210,9 +210,7 @@ pub trait Fits {
     fn wants(&self, step: &Step) -> bool;
 
     /// The solver has made this step, whose state is taken, if it was wanted.
-    fn stepped(&mut self, step: &Step) {
-        let _ = step;
-    }
+    fn stepped(&mut self, step: &Step);
 
     /// Takes the state after a step of the solver. `cuts`: a stride may begin here that cuts the start-up short.
     ///
@@ -233,15 +231,10 @@ pub trait Fits {
     fn fit(&mut self) -> Option<FitReport>;
 
     /// The times from now on, s, at which it has to be [told](Self::told) what is prescribed before it predicts the state so much later.
-    fn asks(&self, duration: f64) -> Vec<f64> {
-        let _ = duration;
-        Vec::new()
-    }
+    fn asks(&self, duration: f64) -> Vec<f64>;
 
     /// The prescribed arrays a time from now on, s. Collective.
-    fn told(&mut self, later: f64, values: &Values) {
-        let _ = (later, values);
-    }
+    fn told(&mut self, later: f64, values: &Values);
 
     /// Drops the fit.
     fn drop_fit(&mut self);
@@ -269,10 +262,7 @@ pub trait Fits {
 
     /// Of the fit in use, in an array of the state: what does not oscillate now (`part` 0), what a wave, from 0, the largest first, adds (1), and a quarter
     /// of its period before (2). None: there is no such wave.
-    fn wave(&self, wave: usize, part: usize, array: usize) -> Option<Vec<f64>> {
-        let _ = (wave, part, array);
-        None
-    }
+    fn wave(&self, wave: usize, part: usize, array: usize) -> Option<Vec<f64>>;
 
     /// All arrays of the state so many seconds before the present one of a jump.
     ///
