@@ -7,7 +7,7 @@ use m4gn_engine::plain;
 use m4gn_mesh::NodeType;
 use m4gn_mesh::body::{Body, Obstacle};
 use m4gn_mesh::vector::Vector;
-use m4gn_model::Model;
+use m4gn_model::{MicroSpec, Model, NodeSums, WorldEdges};
 use m4gn_modes::Modal;
 use m4gn_samples::bodies as sample;
 use m4gn_samples::model::{bodies, bodies_of_other_kinds};
@@ -53,11 +53,13 @@ fn steps_are_those_of_the_plain_network() {
     assert!(edges[0] < edges[2] && edges[3] < edges[2], "{edges:?}");
 }
 
-/// The same of networks that have coarser graphs, or read the displacement at the nodes.
+/// The same of networks with coarser graphs, with the displacement at the nodes, and with all switches of the paper.
 #[test]
 fn steps_of_other_kinds_are_those_of_the_plain_network() {
-    let (_, body, obstacle) = case();
-    for spec in bodies_of_other_kinds() {
+    let (Model { spec: mut papers, .. }, body, obstacle) = case();
+    papers.architecture.micro =
+        MicroSpec { world_edges: WorldEdges::Apart, node_sums: NodeSums::Before, node_rwse_steps: 4 };
+    for spec in bodies_of_other_kinds().into_iter().chain([papers]) {
         steps_against_the_plain_network(&Model::random(spec, 5).unwrap(), &body, &obstacle);
     }
 }

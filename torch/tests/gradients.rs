@@ -271,7 +271,7 @@ fn gradients_of_bodies_are_those_of_libtorch() {
         stride: flow.stride,
         architecture: flow.architecture,
         contact: Some(ContactSpec { radius: 0.6 }),
-        segments: SegmentSpec { method: SegmentMethod::SlicExp, modes: 1, ..flow.segments },
+        segments: SegmentSpec { method: SegmentMethod::SlicExp, overlap: 1, modes: 1, ..flow.segments },
         ..bodies
     };
     for (name, micro) in [
