@@ -8,7 +8,7 @@ use super::kernels::{
 };
 use super::linear::{self, Linear, Tail};
 use super::tiles::{Scratch, blocks};
-use m4gn_base::{Error, Result};
+use m4gn_base::Result;
 use m4gn_model::{Model, ModelSpec};
 use m4gn_structure::Structure;
 
@@ -66,7 +66,7 @@ impl Fixed {
     /// For the nodes of this structure.
     ///
     /// # Errors
-    /// [`Error::Model`] for a node type that the model does not know, or positions that are not there.
+    /// [`m4gn_base::Error::Model`] for a node type that the model does not know, or positions that are not there.
     pub fn new(isa: Isa, model: &Model, structure: &Structure) -> Result<Self> {
         let graph = &structure.graph;
         let offsets = structure.segments.as_ref().map_or(&[][..], |s| &s.offsets);
@@ -82,14 +82,7 @@ impl Fixed {
         for t in 0..node_types.len() {
             types.extend((0..columns).map(|o| bias[o] + weight(o, k + t)));
         }
-        let kind = |code: &i32| {
-            let known = node_types.iter().position(|t| *t as i32 == *code);
-            known.map(|t| t as u32).ok_or_else(|| {
-                let known: Vec<_> = node_types.iter().map(|t| t.name()).collect();
-                let found = m4gn_mesh::NodeType::from_code(*code).map_or("unknown", |t| t.name());
-                Error::Model(format!("the model knows {}; the mesh has a {found} node", known.join(", ")))
-            })
-        };
+        let kind = |code: &i32| Ok(model.spec.place_of_type(*code)? as u32);
         let kinds: Vec<u32> = graph.node_types[..graph.n_owned].iter().map(kind).collect::<Result<_>>()?;
         let n = model.spec.n_offset_features();
         let walk = structure.walk_for(architecture.needs())?;

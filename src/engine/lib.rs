@@ -35,11 +35,10 @@ mod transformer;
 pub use m4gn_model::Precision;
 pub use options::{EngineOptions, Isa, PrecisionChoice};
 pub use peak::{Peak, peak};
-pub use processor::KEEP_ENCODED;
 pub use profile::{Phase, Profile};
 
 use kernels::Bf16;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
@@ -118,16 +117,7 @@ impl Engine {
 
 impl Forward for Engine {
     fn forward(&mut self, comm: &Comm, inputs: &[f32], outputs: &mut [f32]) -> Result<()> {
-        let expected = either!(&self.0, network => network.lengths());
-        if (inputs.len(), outputs.len()) != expected {
-            return Err(Error::Input(format!(
-                "forward step: expected {} inputs and {} outputs, found {} and {}",
-                expected.0,
-                expected.1,
-                inputs.len(),
-                outputs.len()
-            )));
-        }
+        check_lengths(either!(&self.0, network => network.lengths()), inputs, outputs)?;
         either!(&mut self.0, network => network.forward(comm, inputs, outputs));
         Ok(())
     }
@@ -147,6 +137,14 @@ unsafe impl mpi::datatype::traits::Equivalence for Bf16 {
     }
 }
 impl m4gn_parallel::Element for Bf16 {}
+
+/// Whether a step's inputs and outputs are as long as expected.
+fn check_lengths((n, m): (usize, usize), inputs: &[f32], outputs: &[f32]) -> Result<()> {
+    let found = (inputs.len(), outputs.len());
+    refuse(found != (n, m), Error::Input, || {
+        format!("forward step: expected {n} inputs and {m} outputs, found {} and {}", found.0, found.1)
+    })
+}
 
 /// Whether model and graph have the same number of dimensions, and the graph is one.
 fn check(model: &Model, graph: &Graph) -> Result<()> {

@@ -25,11 +25,7 @@ pub fn learn_together(
     let share = Batch { examples: &batch.examples[bound(rank)..bound(rank + 1)], ..*batch };
     let mut learned = comm.agree(backend.learn(weights, normaliser, &share))?;
     comm.sum_f64(&mut learned.losses);
-    if let Some(moments) = &mut learned.moments {
-        let mut flat = moments.flat();
-        comm.sum_f64(&mut flat);
-        moments.set_flat(&flat);
-    }
+    learned.moments.iter_mut().flat_map(Normaliser::numbers_mut).for_each(|n| comm.sum_f64(n));
     if let Some(gradient) = &mut learned.gradient {
         comm.sum_f32(gradient);
     }

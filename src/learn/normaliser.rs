@@ -167,25 +167,10 @@ impl Normaliser {
         Ok(())
     }
 
-    /// All numbers in a row, and back.
-    pub fn flat(&self) -> Vec<f64> {
-        let all = self
-            .named()
-            .into_iter()
-            .flat_map(|(_, m)| m.count.iter().chain(&m.sum).chain(&m.square).copied());
-        all.collect()
-    }
-
-    /// Takes all numbers from a row that [`Normaliser::flat`] made of one of this shape.
-    pub fn set_flat(&mut self, mut flat: &[f64]) {
-        for m in [&mut self.node, &mut self.edge, &mut self.output] {
-            let channels = m.sum.len();
-            for values in [&mut m.count, &mut m.sum, &mut m.square] {
-                let (first, rest) = flat.split_at(channels);
-                values.copy_from_slice(first);
-                flat = rest;
-            }
-        }
+    /// All its numbers.
+    pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut Vec<f64>> {
+        let all = [&mut self.node, &mut self.edge, &mut self.output];
+        all.into_iter().flat_map(|m| [&mut m.count, &mut m.sum, &mut m.square])
     }
 
     /// The model's `norm.*` tensors.

@@ -121,9 +121,4 @@ impl Sample {
     pub fn n_cells(&self) -> usize {
         self.structure.graph.n_cells
     }
-
-    /// Nodes of the boundary, or points of the obstacle.
-    pub fn n_boundary(&self) -> usize {
-        self.structure.graph.n_owned - self.structure.graph.n_cells
-    }
 }

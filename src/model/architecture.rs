@@ -27,13 +27,6 @@ pub struct MacroSpec {
     pub offsets: bool,
 }
 
-impl MacroSpec {
-    /// Positional features a segment: random walk, then centroid.
-    pub fn n_position_features(&self, dim: usize) -> usize {
-        self.rwse_steps + if self.centroids { dim } else { 0 }
-    }
-}
-
 /// Activation of all multi-layer perceptrons.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -33,6 +33,7 @@ pub use solid::Solid;
 pub use tensors::{Model, Tensor};
 pub use trained_on::{Extent, InputRange, TrainedOn, cell_size};
 
+use m4gn_base::{Error, Result};
 use m4gn_mesh::NodeType;
 use serde::{Deserialize, Serialize};
 
@@ -189,6 +190,18 @@ impl ModelSpec {
         self.node_types.len() + self.n_offset_features()
     }
 
+    /// Which of [`ModelSpec::node_types`] a node of this code is of.
+    ///
+    /// # Errors
+    /// [`Error::Model`] for a type that is not among them.
+    pub fn place_of_type(&self, code: i32) -> Result<usize> {
+        self.node_types.iter().position(|t| *t as i32 == code).ok_or_else(|| {
+            let known: Vec<_> = self.node_types.iter().map(|t| t.name()).collect();
+            let found = NodeType::from_code(code).map_or("unknown", |t| t.name());
+            Error::Model(format!("the model knows {}; the mesh has a {found} node", known.join(", ")))
+        })
+    }
+
     /// Components of the offset from the segment's centroid: the solved directions, or none.
     pub fn n_offset_features(&self) -> usize {
         match self.architecture.segment_transformer() {
@@ -197,9 +210,10 @@ impl ModelSpec {
         }
     }
 
-    /// Positional features a segment.
+    /// Positional features a segment: random walk, then centroid.
     pub fn n_position_features(&self) -> usize {
-        self.architecture.segment_transformer().map_or(0, |m| m.n_position_features(self.dim))
+        let walk_and_centroid = |m: &MacroSpec| m.rwse_steps + if m.centroids { self.dim } else { 0 };
+        self.architecture.segment_transformer().map_or(0, walk_and_centroid)
     }
 
     /// Outputs a node, in the order of the fields that are predicted.

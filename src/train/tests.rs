@@ -385,7 +385,7 @@ fn a_body_is_read_as_a_flow_is() {
     spec.segments.count = 2;
     spec.segments.modes = 1;
     let sample = recorded::read(&trajectory, &spec).unwrap();
-    assert_eq!((sample.n_cells(), sample.n_boundary()), (12, 26));
+    assert_eq!((sample.n_cells(), sample.structure.graph.n_owned), (12, 12 + 26));
     assert_eq!((sample.n_frames, sample.width), (4, 3));
     let displacement = trajectory.read_frame("D", 3).unwrap().cells;
     let motion = trajectory.read_motion(3, 1, 1).unwrap().concat();

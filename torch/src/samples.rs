@@ -4,7 +4,6 @@ use crate::network::{Level, Sequence, Topology};
 use crate::rollout::Boundary;
 use m4gn_base::{Error, Result};
 use m4gn_domain::{Domain, MeshEdge, moves};
-use m4gn_mesh::NodeType;
 use m4gn_model::ModelSpec;
 use m4gn_structure::Structure;
 use std::sync::Arc;
@@ -62,13 +61,7 @@ impl HostGraph {
                 )));
             }
         }
-        let place = |&code: &i32| {
-            let kind = NodeType::from_code(code)?;
-            spec.node_types.iter().position(|&t| t == kind).ok_or_else(|| {
-                let known: Vec<&str> = spec.node_types.iter().map(|t| t.name()).collect();
-                Error::Model(format!("a node of type {}: the model knows {}", kind.name(), known.join(", ")))
-            })
-        };
+        let place = |&code: &i32| spec.place_of_type(code);
         Ok(HostGraph {
             cells: graph.n_cells,
             boundary: graph.n_owned - graph.n_cells,

@@ -184,10 +184,9 @@ fn compare(name: &str, spec: &ModelSpec, work: &Workload, precision: Precision, 
     for unroll in [1, 3] {
         let mut torch = TorchBackend::new(&task, Device::Cpu).unwrap();
         let mut native = NativeBackend::new(&training, spec, work, 2).unwrap();
-        let (scales, expected) = learn(&mut torch, &weights, spec, (unroll, precision));
-        let (own, found) = learn(&mut native, &weights, spec, (unroll, precision));
-        let pairs = own.flat().into_iter().zip(scales.flat());
-        for (a, b) in pairs {
+        let (mut scales, expected) = learn(&mut torch, &weights, spec, (unroll, precision));
+        let (mut own, found) = learn(&mut native, &weights, spec, (unroll, precision));
+        for (&mut a, &mut b) in own.numbers_mut().flatten().zip(scales.numbers_mut().flatten()) {
             assert!((a - b).abs() <= 1e-5 * (1.0 + b.abs()), "{name}: moments {a} {b}");
         }
         for (a, b) in found.losses.iter().zip(&expected.losses) {

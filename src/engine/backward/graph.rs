@@ -7,7 +7,6 @@ use crate::recurrence::{Together, together};
 use crate::segment_stage::{check, inverted, reordered};
 use crate::tiles::{self, Tile};
 use m4gn_base::{Error, Result};
-use m4gn_mesh::NodeType;
 use m4gn_model::{Model, ModelSpec};
 use m4gn_structure::{Structure, Transfer};
 
@@ -78,14 +77,7 @@ impl TrainGraph {
         let (width, n_offsets) = (spec.n_static_features(), spec.n_offset_features());
         let mut fixed = vec![0.0; graph.n_owned * width];
         for (node, row) in fixed.chunks_exact_mut(width).enumerate() {
-            let code = graph.node_types[node];
-            let at = spec.node_types.iter().position(|t| *t as i32 == code);
-            let at = at.ok_or_else(|| {
-                let known: Vec<_> = spec.node_types.iter().map(|t| t.name()).collect();
-                let found = NodeType::from_code(code).map_or("unknown", |t| t.name());
-                Error::Model(format!("the model knows {}; the mesh has a {found} node", known.join(", ")))
-            })?;
-            row[at] = 1.0;
+            row[spec.place_of_type(graph.node_types[node])?] = 1.0;
         }
         let members = match structure.segments_for(spec.architecture.needs())? {
             None => None,

@@ -1,6 +1,6 @@
 //! Message passing (eq. 1 to 4), with the macro stage (eq. 9 to 13) where there is one.
 
-use super::Processor;
+use super::{Processor, features};
 use crate::encoder_decoder::{Encoder, normaliser};
 use crate::grid::Grid;
 use crate::kernels::{
@@ -67,14 +67,8 @@ impl<T: Number> Features<T> {
     /// Takes those of a graph's edges.
     fn place(&mut self, order: &Order, physical: &[f32]) {
         let (mean, scale) = &self.scale;
-        let k = mean.len();
-        self.normed.clear();
-        self.normed.reserve_exact(order.edge.len() * k);
-        for &e in &order.edge {
-            let row = &physical[e as usize * k..(e as usize + 1) * k];
-            let normed = row.iter().zip(mean).zip(scale).map(|((x, m), s)| (x - m) * s);
-            self.normed.extend(normed);
-        }
+        self.normed.resize(order.edge.len() * mean.len(), 0.0);
+        features((mean, scale), physical, &order.edge, mean.len(), &mut self.normed);
         if self.encoders.len() > 1 {
             sums_of_kinds(order, physical, &mut self.sums);
         }

@@ -5,7 +5,7 @@ mod library;
 
 pub use library::{LIBRARY, TorchTrial, library, train};
 
-use super::Forward;
+use super::{Forward, check_lengths};
 use m4gn_base::plugin::{Plugin, c_string};
 use m4gn_base::{Error, Result};
 use m4gn_model::Model;
@@ -23,8 +23,8 @@ pub struct TorchBackend {
     handle: *mut c_void,
     step: Step,
     free: Free,
-    n_inputs: usize,
-    n_outputs: usize,
+    /// Of a step's inputs and outputs.
+    lengths: (usize, usize),
     library: &'static Plugin,
 }
 
@@ -71,22 +71,13 @@ impl TorchBackend {
         if handle.is_null() {
             return Err(Error::Internal("libm4gn_torch.so loaded no model".into()));
         }
-        let (n_inputs, n_outputs) = lengths;
-        Ok(TorchBackend { handle, step, free, n_inputs, n_outputs, library })
+        Ok(TorchBackend { handle, step, free, lengths, library })
     }
 }
 
 impl Forward for TorchBackend {
     fn forward(&mut self, _comm: &Comm, inputs: &[f32], outputs: &mut [f32]) -> Result<()> {
-        if (inputs.len(), outputs.len()) != (self.n_inputs, self.n_outputs) {
-            return Err(Error::Input(format!(
-                "forward step: expected {} inputs and {} outputs, found {} and {}",
-                self.n_inputs,
-                self.n_outputs,
-                inputs.len(),
-                outputs.len()
-            )));
-        }
+        check_lengths(self.lengths, inputs, outputs)?;
         // SAFETY: the handle lives until drop, the slices have the lengths that the library expects.
         let status = unsafe { (self.step)(self.handle, inputs.as_ptr(), outputs.as_mut_ptr()) };
         self.library.check(status)
