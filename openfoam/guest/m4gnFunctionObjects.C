@@ -36,11 +36,10 @@ bool isList(const dictionary& dict)
 Foam::word Foam::m4gnFunctionObjects::typeOf(const functionObject& object, const Time& time)
 {
     // In the list it may be wrapped in the control of its times, which says nothing of it
-    const dictionary functions(time.controlDict().subOrEmptyDict("functions"));
+    const dictionary* functions = time.controlDict().findDict("functions");
+    const dictionary* own = functions ? functions->findDict(object.name()) : nullptr;
 
-    return functions.isDict(object.name())
-               ? functions.subDict(object.name()).getOrDefault<word>("type", object.type())
-               : object.type();
+    return own ? own->getOrDefault<word>("type", object.type()) : object.type();
 }
 
 Foam::label Foam::m4gnFunctionObjects::interval(const dictionary& dict)
