@@ -72,6 +72,14 @@ impl Verdict {
                 end.seconds,
                 more((end.seconds as f64).max(r.wall) * FEWEST as f64 / r.steps as f64)
             )),
+            // States are as far apart as its steps
+            r if r.adjusts && r.time - r.start_time > 2.0 * r.steps as f64 * r.delta_t => {
+                Verdict::Open(format!(
+                    "there was no jump in {} steps of {solver} up to time {}, in which its time step grew: give a deltaT nearer to what it becomes, \
+                 or a start at which it has grown",
+                    r.steps, r.time
+                ))
+            }
             r => Verdict::No(format!(
                 "there was no jump in {} steps of {solver} up to time {}: its fields do not change",
                 r.steps, r.time
@@ -134,5 +142,11 @@ mod tests {
         let failed = Error::file("log.icoFoam", "icoFoam was ended after 240 s (--timeout)");
         let late = of(&Report::default(), "", Some(&failed), true);
         assert!(matches!(&late, Verdict::Open(what) if what.ends_with("give --seconds 45")), "{late:?}");
+        // Steps of 1e-4 s that grow
+        let grows = Report { adjusts: true, delta_t: 1e-4, ..made(99, 0.5) };
+        assert!(
+            matches!(of(&grows, "", None, false), Verdict::Open(what) if what.contains("time step grew"))
+        );
+        assert!(no(&Report { adjusts: true, ..made(99, 0.99) }, "").contains("do not change"));
     }
 }
