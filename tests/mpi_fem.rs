@@ -20,7 +20,6 @@ fn main() -> ExitCode {
         for body in bodies() {
             decompositions(&mut checks, &body);
         }
-        errors_are_shared(&mut checks);
         Ok(checks.failures)
     })
 }
@@ -150,34 +149,4 @@ fn compare(checks: &mut Checks, name: &str, mesh: &PointMesh, found: &SolidModes
             .fold(0.0, f64::max);
         checks.that(off < 1e-6, format!("{name}: mode {i} differs by {off:e}"));
     }
-}
-
-/// One rank's bad input ends the call on all.
-fn errors_are_shared(checks: &mut Checks) {
-    let comm = checks.comm.clone();
-    let list = bodies();
-    let body = &list[0];
-    let (_, ranks) = deals(body.mesh.n_cells, comm.size()).remove(0);
-    let culprit = comm.rank() == comm.size() - 1;
-    type Change = fn(&mut PointMesh, &mut Vec<Material>, &mut Vec<Fixed>);
-    let changes: [(&str, Change); 7] = [
-        ("nu", |_, m, _| m[0].poisson = 0.5),
-        ("density", |_, m, _| m[0].density = -1.0),
-        ("not finite", |mesh, _, _| mesh.points[2][0] = f64::NAN),
-        ("label", |mesh, _, _| mesh.face_points[0] = 1 << 20),
-        ("inverted", |mesh, _, _| mesh.points.iter_mut().for_each(|x| x[2] = -x[2])),
-        ("global numbers", |mesh, _, _| mesh.point_global[0] = 1 << 40),
-        ("fixed", |_, _, f| f.push(Fixed::all(1 << 20))),
-    ];
-    for (name, change) in changes {
-        let (mut mesh, mut materials, mut fixed) = part(body, &ranks, comm.rank());
-        if culprit {
-            change(&mut mesh, &mut materials, &mut fixed);
-        }
-        let found = modes(&mesh, &materials, &fixed, &body.options, &comm);
-        checks.that(found.is_err(), format!("{name}: an error on one rank"));
-    }
-    let (mesh, materials, _) = part(body, &ranks, comm.rank());
-    let found = modes(&mesh, &materials, &[], &body.options, &comm);
-    checks.that(found.is_err(), "nothing held");
 }

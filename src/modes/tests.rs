@@ -1,7 +1,5 @@
-mod convergence;
 mod elastic;
 mod laplacian;
 #[path = "../../tests/samples/matrices.rs"]
 mod matrices;
-mod options;
 mod pairs;

@@ -8,12 +8,15 @@ fn modes(mesh: &Mesh, n: usize) -> Result<Modes> {
     laplacian_modes(mesh, &comm, &ModalOptions::fixed(n))
 }
 
-/// Eigenvalues of the finite-volume Laplacian of a rectangle of quads: exact, not only in the limit.
-fn discrete(nx: usize, ny: usize, lx: f64, ly: f64, n: usize) -> Vec<f64> {
-    let axis =
-        |k: usize, n: usize, l: f64| (2.0 * n as f64 / l * (k as f64 * PI / (2 * n) as f64).sin()).powi(2);
-    let mut all: Vec<f64> =
-        (1..=nx).flat_map(|k| (1..=ny).map(move |l| axis(k, nx, lx) + axis(l, ny, ly))).collect();
+/// The first `n` eigenvalues of the finite-volume Laplacian of a rectangle or a block of so many cells and this length along each axis:
+/// exact, not only in the limit.
+fn discrete(axes: &[(usize, f64)], n: usize) -> Vec<f64> {
+    let one = |&(n, l): &(usize, f64)| -> Vec<f64> {
+        (1..=n).map(|k| (2.0 * n as f64 / l * (k as f64 * PI / (2 * n) as f64).sin()).powi(2)).collect()
+    };
+    let mut all = axes.iter().map(one).fold(vec![0.0], |sums, axis| {
+        sums.iter().flat_map(|sum| axis.iter().map(move |value| sum + value)).collect()
+    });
     all.sort_by(f64::total_cmp);
     all.truncate(n);
     all
@@ -35,12 +38,46 @@ fn a_chain_has_the_eigenvalues_on_paper() {
 #[test]
 fn every_copy_of_repeated_eigenvalues_of_a_square_is_found() {
     let m = modes(&sample::rectangle(24, 24, 1.0, 1.0), 12).unwrap();
-    let exact = discrete(24, 24, 1.0, 1.0, m.eigenvalues.len());
+    let exact = discrete(&[(24, 1.0), (24, 1.0)], m.eigenvalues.len());
     for (value, exact) in m.eigenvalues.iter().zip(&exact) {
         assert!((value / exact - 1.0).abs() < 1e-9, "{:?}\n{exact:?}", m.eigenvalues);
     }
     // The second eigenvalue is double: asking for two gives three.
     assert_eq!(modes(&sample::rectangle(24, 24, 1.0, 1.0), 2).unwrap().eigenvalues.len(), 3);
+}
+
+#[test]
+fn a_block_has_the_eigenvalues_on_paper() {
+    let m = modes(&sample::block([9, 8, 7], [1.0, 0.9, 0.7]), 6).unwrap();
+    let exact = discrete(&[(9, 1.0), (8, 0.9), (7, 0.7)], m.eigenvalues.len());
+    for (value, exact) in m.eigenvalues.iter().zip(&exact) {
+        assert!((value / exact - 1.0).abs() < 1e-9, "{:?}\n{exact:?}", m.eigenvalues);
+    }
+}
+
+/// Squares of the zeros of the Bessel functions J_0, J_1 twice, J_2 twice, J_0, over the radius.
+#[test]
+fn a_disk_converges_with_second_order() {
+    let zeros: [f64; 6] = [
+        2.404_825_557_695_773,
+        3.831_705_970_207_512,
+        3.831_705_970_207_512,
+        5.135_622_301_840_683,
+        5.135_622_301_840_683,
+        5.520_078_110_286_311,
+    ];
+    let radius = 0.5;
+    let errors = [8, 16, 32].map(|n| {
+        let found = modes(&sample::disk(n, 4 * n, radius), 6).unwrap().eigenvalues;
+        [0, 1, 2, 3, 4, 5].map(|i| (found[i] / (zeros[i] / radius).powi(2) - 1.0).abs())
+    });
+    for i in 0..6 {
+        let order = (errors[0][i] / errors[2][i]).log2() / 2.0;
+        assert!(
+            (order - 2.0).abs() < 0.1 && errors[2][i] < 5e-3,
+            "eigenvalue {i}: order {order}, {errors:?}"
+        );
+    }
 }
 
 #[test]
