@@ -181,20 +181,20 @@ pub fn misfit(
                 .into(),
         );
     }
-    let (stored, wanted) = (entries(&record.spec), entries(wanted));
+    let (stored, named, wanted) = (entries(&record.spec), wanted.entries(), entries(wanted));
+    let asked = |key: &String| only.is_none_or(|keys| keys.contains(key));
     let mut other = Vec::new();
     for (key, value) in &wanted {
-        let asked = only.is_none_or(|keys| keys.contains(key));
         let found = stored.get(key).unwrap_or(&Value::Null);
         // Modes of whatever the case has
         let open = key == "operator" && value.is_null();
-        if asked && !open && !equal(found, value) {
+        if asked(key) && !open && !equal(found, value) {
             other.push(format!("{} is {found} there, and {value} is wanted", dictionary_name(key)));
         }
     }
-    // What the wanted method has no use for
-    if only.is_none() && other.is_empty() {
-        let gone = stored.iter().filter(|(key, _)| !wanted.contains_key(*key));
+    // An entry that is as by default is not named.
+    if other.is_empty() {
+        let gone = stored.iter().filter(|(key, _)| asked(key) && !named.contains_key(*key));
         other.extend(
             gone.map(|(key, value)| format!("{} is {value} there, and not wanted", dictionary_name(key))),
         );
@@ -261,6 +261,12 @@ mod tests {
         };
         assert_eq!(only(&["count"]), None);
         assert!(only(&["method"]).is_some());
+        // What is asked for as it is by default.
+        let (labels, record) = cut(&mesh, &SegmentSpec { margin: 0.0, ..slic.clone() });
+        for (key, fits) in [("margin", false), ("tau", true)] {
+            let found = misfit(&mesh, &labels, &record, &slic, Some(&[key.to_string()]), &Comm::serial());
+            assert_eq!(found.is_none(), fits, "{key}: {found:?}");
+        }
     }
 
     #[test]
