@@ -13,8 +13,9 @@
 
 use crate::pair::Pair;
 use crate::{Mass, Problem, Request, Rows};
+use m4gn_base::Result;
 use m4gn_base::plugin::{Description, Plugin};
-use m4gn_base::{Error, Result};
+use m4gn_model::modal::ModalSolver;
 use m4gn_parallel::Comm;
 use std::borrow::Cow;
 use std::ffi::c_void;
@@ -24,7 +25,7 @@ use std::sync::OnceLock;
 pub const LIBRARY: Description = Description {
     file: "libm4gn_slepc.so",
     prefix: "m4gn_slepc",
-    version: 2,
+    version: 3,
     remedy: "It computes modes with PETSc and SLEPc (Debian: libslepc-real, libpetsc-real) and is built by \
              setup/build.sh; runs with stored segments, or with segments of METIS alone, need none",
     global: false,
@@ -64,8 +65,8 @@ pub struct RawProblem {
     pub shift: f64,
     /// Pairs wanted at first.
     pub wanted: usize,
-    /// [`m4gn_model::modal::ModalSolver`] as a number.
-    pub solver: i32,
+    /// Whether no factorisation is made.
+    pub iterative: bool,
 }
 
 /// What the library calls while it works.
@@ -102,7 +103,7 @@ struct Host<'a> {
 /// matrices are not read any more. Collective; all ranks fail together.
 ///
 /// # Errors
-/// [`Error::File`] where the library is not found; what the library reports.
+/// [`m4gn_base::Error::File`] where the library is not found; what the library reports.
 pub(crate) fn eigenpairs(comm: &Comm, problem: &mut Cow<Problem>, request: &Request) -> Result<Vec<Pair>> {
     let prepared = library().and_then(|library| {
         // SAFETY: the type is that of the interface.
@@ -113,6 +114,8 @@ pub(crate) fn eigenpairs(comm: &Comm, problem: &mut Cow<Problem>, request: &Requ
     // PETSc needs MPI on a rank alone too, and whoever starts MPI ends it.
     comm.agree(m4gn_parallel::start())?;
     announce_end();
+    let mut sizes = [problem.stiffness.n() as i64, problem.stiffness.column.len() as i64];
+    comm.sum_i64(&mut sizes);
     let raw = RawProblem {
         comm: comm.fortran(),
         block: request.block,
@@ -127,7 +130,10 @@ pub(crate) fn eigenpairs(comm: &Comm, problem: &mut Cow<Problem>, request: &Requ
         },
         shift: request.shift,
         wanted: request.wanted,
-        solver: request.options.solver as i32,
+        iterative: match request.options.solver {
+            ModalSolver::Auto => crate::prefers_iterative(sizes[0], sizes[1], request.block),
+            way => way == ModalSolver::Iterative,
+        },
     };
     // A factor needs the room of a matrix that is owned.
     let mut release = || {
@@ -196,16 +202,4 @@ pub unsafe fn slice<'a, T>(data: *const T, n: usize) -> &'a [T] {
         // SAFETY: as promised.
         _ => unsafe { std::slice::from_raw_parts(data, n) },
     }
-}
-
-/// The modal solver of a number that came through the interface.
-///
-/// # Errors
-/// [`Error::Internal`] for a number that is none.
-pub fn solver_of(number: i32) -> Result<m4gn_model::modal::ModalSolver> {
-    use m4gn_model::modal::ModalSolver;
-    [ModalSolver::Auto, ModalSolver::Direct, ModalSolver::Iterative]
-        .into_iter()
-        .find(|s| *s as i32 == number)
-        .ok_or_else(|| Error::Internal(format!("modal solver {number}")))
 }

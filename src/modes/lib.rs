@@ -46,7 +46,7 @@ pub fn is_plane(unknowns: i64, entries: i64, block: usize) -> bool {
 ///
 /// The factor of a mesh grows like n log n in two dimensions and like n^(4/3) in three, its work like n^(3/2) and n^2;
 /// at these sizes the factor takes some 3 GB, over all ranks.
-pub fn prefers_iterative(unknowns: i64, entries: i64, block: usize) -> bool {
+fn prefers_iterative(unknowns: i64, entries: i64, block: usize) -> bool {
     let limit = if is_plane(unknowns, entries, block) { 4_000_000 } else { 400_000 };
     unknowns > limit
 }

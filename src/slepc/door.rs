@@ -2,8 +2,7 @@
 
 use crate::eigen::{Matrices, eigenpairs};
 use m4gn_base::{Error, Result};
-use m4gn_model::modal::ModalSolver;
-use m4gn_modes::eigen::{LIBRARY, RawHost, RawProblem, RawRows, slice, solver_of};
+use m4gn_modes::eigen::{LIBRARY, RawHost, RawProblem, RawRows, slice};
 use m4gn_parallel::{Comm, panic_text};
 use std::cell::RefCell;
 use std::ffi::{CString, c_char};
@@ -79,7 +78,7 @@ pub(crate) struct Call<'a> {
     pub(crate) mass: Mass<'a>,
     pub(crate) shift: f64,
     pub(crate) wanted: usize,
-    pub(crate) solver: ModalSolver,
+    pub(crate) iterative: bool,
     host: RawHost,
 }
 
@@ -145,24 +144,21 @@ pub unsafe extern "C" fn m4gn_slepc_eigenpairs(problem: *const RawProblem, host:
 /// As [`m4gn_slepc_eigenpairs`].
 unsafe fn solve(problem: &RawProblem, host: RawHost) -> Result<()> {
     let comm = Comm::from_fortran(problem.comm)?;
-    let call = || -> Result<Call> {
-        // SAFETY: as promised by the caller.
-        unsafe {
-            Ok(Call {
-                block: problem.block,
-                stiffness: Csr::new(&problem.stiffness),
-                mass: match problem.mass_diagonal.is_null() {
-                    true => Mass::Matrix(Csr::new(&problem.mass)),
-                    false => Mass::Diagonal(slice(problem.mass_diagonal, problem.stiffness.n)),
-                },
-                shift: problem.shift,
-                wanted: problem.wanted,
-                solver: solver_of(problem.solver)?,
-                host,
-            })
+    // SAFETY: as promised by the caller.
+    let call = unsafe {
+        Call {
+            block: problem.block,
+            stiffness: Csr::new(&problem.stiffness),
+            mass: match problem.mass_diagonal.is_null() {
+                true => Mass::Matrix(Csr::new(&problem.mass)),
+                false => Mass::Diagonal(slice(problem.mass_diagonal, problem.stiffness.n)),
+            },
+            shift: problem.shift,
+            wanted: problem.wanted,
+            iterative: problem.iterative,
+            host,
         }
     };
-    let call = comm.agree(call())?;
     let matrices = Matrices::new(&comm, &call)?;
     call.copied();
     eigenpairs(&comm, &matrices, &call)

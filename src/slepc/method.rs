@@ -4,7 +4,6 @@ use super::door::Call;
 use super::eigen::Matrices;
 use super::{c, check};
 use m4gn_base::Result;
-use m4gn_model::modal::ModalSolver;
 use m4gn_parallel::Comm;
 use std::ffi::CStr;
 
@@ -27,14 +26,8 @@ const MUMPS: Method = Method::Factor { package: c"mumps" };
 impl Method {
     /// What is tried, one after the other.
     pub(super) fn of(comm: &Comm, matrices: &Matrices, request: &Call) -> &'static [Method] {
-        let (unknowns, entries, block) = (matrices.unknowns, matrices.entries, request.block);
-        let iterative = match request.solver {
-            ModalSolver::Direct => false,
-            ModalSolver::Iterative => true,
-            ModalSolver::Auto => m4gn_modes::prefers_iterative(unknowns, entries, block),
-        };
-        let plane = m4gn_modes::is_plane(unknowns, entries, block);
-        match (iterative, comm.size()) {
+        let plane = m4gn_modes::is_plane(matrices.unknowns, matrices.entries, request.block);
+        match (request.iterative, comm.size()) {
             (true, _) => &[Method::Multigrid],
             // K - shift M is positive definite, so Cholesky; MUMPS, which pivots, is the second chance where rounding
             // has spoilt that.
