@@ -113,7 +113,7 @@ fn bodies_go_in_and_out_and_are_predicted() {
     let message = refused(at, "convert test.tfrecord --out b.h5");
     assert!(message.contains("give a positive one with --dt"), "{message}");
     let message = refused(at, "convert test.tfrecord --out b.h5 --dt 0.01 --poisson 0.5");
-    assert!(message.contains("nu 0.5"), "{message}");
+    assert!(message.contains("Poisson's ratio of element 0 is 0.5"), "{message}");
 }
 
 #[test]

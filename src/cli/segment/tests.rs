@@ -26,7 +26,7 @@ fn bad_usage() {
     for (line, text) in [
         ("case --segments 0", "expected a number from 1"),
         ("case --segments 99999", "8192"),
-        ("case --method slick", "expected metis, slic-md"),
+        ("case --method slick", "expected one of metis, slic"),
         ("case --node-type cylinder", "PATCH=TYPE"),
         ("case --node-type cylinder=fluid", "wall, inlet"),
         ("case --node-type =wall", "PATCH=TYPE"),
