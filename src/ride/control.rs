@@ -117,6 +117,20 @@ pub struct StrideError {
     pub variation: f64,
 }
 
+/// What has been measured of a predicted field, for a run that is carried on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Measured {
+    /// Error of the last stride; none: it is not finite.
+    pub error: Option<f64>,
+    /// Largest change so far.
+    pub change: f64,
+    /// Largest variation so far.
+    pub variation: f64,
+    /// Whether it has changed by more than rounding.
+    pub varies: bool,
+}
+
 /// One predicted field.
 #[derive(Clone, Debug)]
 struct Track {
@@ -347,14 +361,15 @@ impl Control {
         Ok(self.watched().map(|(i, t)| t.relative(errors[i])).fold(0.0, f64::max))
     }
 
-    /// What the controller decides by, for a run that is carried on: of each predicted field the error of the last stride and the
-    /// largest change and variation so far, and how many strides in a row allowed no jump; none before a stride was measured.
-    pub fn state(&self) -> Option<(Vec<StrideError>, usize)> {
-        let row = |t: &Track| StrideError {
-            error: t.error,
-            change: t.change,
-            size: t.variation,
-            variation: t.variation,
+    /// What the controller decides by, for a run that is carried on: what was measured of each predicted field, and how many strides in a row
+    /// allowed no jump; none before a stride was measured.
+    pub fn state(&self) -> Option<(Vec<Measured>, usize)> {
+        // JSON, which the state is kept in, has no infinity.
+        let row = |t: &Track| Measured {
+            error: Some(t.error).filter(|e| e.is_finite()),
+            change: t.change.min(f64::MAX),
+            variation: t.variation.min(f64::MAX),
+            varies: t.varies,
         };
         self.measured.then(|| (self.tracks.iter().map(row).collect(), self.bad))
     }
@@ -363,7 +378,7 @@ impl Control {
     ///
     /// # Errors
     /// [`Error::Input`] for another number of fields, and for changes and variations that are no such figures.
-    pub fn restore(&mut self, rows: &[StrideError], bad: usize) -> Result<()> {
+    pub fn restore(&mut self, rows: &[Measured], bad: usize) -> Result<()> {
         self.check(rows.len())?;
         let usable = |figure: f64| figure.is_finite() && figure >= 0.0;
         if let Some(row) = rows.iter().find(|r| !(usable(r.change) && usable(r.variation))) {
@@ -373,8 +388,8 @@ impl Control {
             )));
         }
         for (track, row) in self.tracks.iter_mut().zip(rows) {
-            (track.error, track.change, track.variation) = (row.error, row.change, row.variation);
-            track.varies = row.change > VARIES * row.variation;
+            track.error = row.error.unwrap_or(f64::INFINITY);
+            (track.change, track.variation, track.varies) = (row.change, row.variation, row.varies);
         }
         (self.measured, self.bad) = (true, bad);
         Ok(())

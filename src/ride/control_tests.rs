@@ -198,6 +198,13 @@ fn the_first_field_that_varies_is_watched_where_none_is_named() {
     let mut again = Control::new(fields(), settings(r#"{"tolerance": 0.05}"#)).unwrap();
     again.restore(&rows, bad).unwrap();
     assert_eq!(again.error(), 0.01);
+    // DT is uniform, and all that it varies by is rounding: so it stays in a run that is carried on.
+    let rounding = StrideError { error: 1e-13, change: 1e-13, size: 4.0, variation: 1e-13 };
+    let mut c = Control::new(fields(), settings(r#"{"tolerance": 0.05}"#)).unwrap();
+    c.measure(&[rounding, row(0.1), row(0.9)]).unwrap();
+    let (rows, bad) = c.state().unwrap();
+    again.restore(&rows, bad).unwrap();
+    assert_eq!((again.error(), again.held()), (0.01, vec!["T"]));
     // Among those that may be, and the one that is named whatever it does.
     let mut c = Control::new(fields(), settings(r#"{"tolerance": 0.05}"#)).unwrap().among(&["p".into()]);
     c.measure(&[still, row(0.9), row(0.1)]).unwrap();

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"M4GNRIDE";
-const VERSION: u32 = 6;
+const VERSION: u32 = 7;
 
 /// What to do about a state that is of no use.
 const REMEDY: &str = "start from an earlier time, or remove it, and the schedule begins anew";
@@ -173,8 +173,8 @@ mod tests {
             read::<Sample>(&path, &bytes).unwrap_err().to_string()
         };
         let mut newer = bytes.clone();
-        newer[8] = 7;
-        assert!(sealed(newer).contains("of version 7, this library reads 6"));
+        newer[8] = 8;
+        assert!(sealed(newer).contains("of version 8, this library reads 7"));
         let mut long = bytes.clone();
         long[12] = 255;
         assert!(sealed(long).contains("longer than the file"));

@@ -1,7 +1,7 @@
 //! What a ride keeps for a run that is carried on.
 
 use crate::conditions::Conditions;
-use crate::control::StrideError;
+use crate::control::Measured;
 use crate::fit_control::FitControl;
 use crate::jump::Jump;
 use crate::quantities::Quantities;
@@ -67,12 +67,11 @@ struct Saved {
     shadow: Option<Begun>,
 }
 
-/// Its controller: figures are none where they are not finite.
+/// Its controller.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Controlled {
-    /// Error, change and variation of each field.
-    figures: Vec<[Option<f64>; 3]>,
+    fields: Vec<Measured>,
     bad: usize,
 }
 
@@ -122,7 +121,6 @@ impl Ride<'_> {
                     part: numbers.first().copied().unwrap_or(0),
                 }
             });
-            let figure = |v: f64| v.is_finite().then_some(v);
             let control = candidate.control.as_ref().and_then(|c| c.state());
             let description = surrogate.describe();
             surrogates.push(Saved {
@@ -130,10 +128,7 @@ impl Ride<'_> {
                 source: description.source.clone(),
                 digest: description.digest.clone(),
                 fresh: candidate.fresh,
-                control: control.map(|(rows, bad)| Controlled {
-                    figures: rows.iter().map(|r| [r.error, r.change, r.variation].map(figure)).collect(),
-                    bad,
-                }),
+                control: control.map(|(fields, bad)| Controlled { fields, bad }),
                 own,
                 fit_control: candidate.fit_control.clone(),
                 shadow: begun,
@@ -218,7 +213,7 @@ impl Ride<'_> {
         let (found, parts) = self.comm.agree(read)?;
         drop(bytes);
         let taken = self.take_up(path, &found, &parts, &step);
-        let (shadows, controls) = self.comm.agree(taken)?;
+        let shadows = self.comm.agree(taken)?;
         let name = self.settings.name.clone();
         if self.settings.mode == Mode::Observe {
             self.log.text +=
@@ -230,7 +225,7 @@ impl Ride<'_> {
         let at = Resumed { step: &step, state, solves: found.left < 0, holds: changed.is_empty() };
         let mut holds = vec![at.holds; self.candidates.len()];
         let pairs = self.candidates.iter_mut().zip(&found.surrogates).zip(&mut holds);
-        for (((candidate, saved), holds), (shadow, control)) in pairs.zip(shadows.into_iter().zip(controls)) {
+        for (((candidate, saved), holds), shadow) in pairs.zip(shadows) {
             if let Some(part) = saved.own {
                 // A rank may miss files of its own
                 let anew = self.comm.agree(candidate.surrogate.restore(&parts[part], &at))?;
@@ -248,8 +243,8 @@ impl Ride<'_> {
             if candidate.fit_control.is_some() && saved.fit_control.is_some() {
                 candidate.fit_control = saved.fit_control.clone();
             }
-            if let (Some(control), Some((rows, bad))) = (&mut candidate.control, control) {
-                control.restore(&rows, bad)?;
+            if let (Some(control), Some(saved)) = (&mut candidate.control, &saved.control) {
+                control.restore(&saved.fields, saved.bad)?;
             }
         }
         self.keep(state);
@@ -313,15 +308,14 @@ impl Ride<'_> {
         Ok(answer)
     }
 
-    /// What each surrogate goes on from; nothing is changed. The ranks have all of the state.
-    #[allow(clippy::type_complexity)]
+    /// The strides that go on beside the solver, of a state that fits; nothing is changed. The ranks have all of the state.
     fn take_up(
         &self,
         path: &Path,
         found: &Description,
         parts: &[Vec<u8>],
         step: &Step,
-    ) -> Result<(Vec<Shadow>, Vec<Option<(Vec<StrideError>, usize)>>)> {
+    ) -> Result<Vec<Shadow>> {
         let file = |what: String| Error::file(path, what);
         if found.surrogates.len() != self.candidates.len() {
             return Err(Error::Model(format!(
@@ -364,33 +358,15 @@ impl Ride<'_> {
                 found.rows
             )));
         }
-        let (mut shadows, mut controls) = (Vec::new(), Vec::new());
+        let mut shadows = Vec::new();
         for (candidate, saved) in self.candidates.iter().zip(&found.surrogates) {
             let stride = self.layout.pick(&candidate.describe().advances);
             if saved.own.is_some_and(|part| part >= parts.len()) {
                 return Err(file("a part of it is missing".into()));
             }
-            let control = saved.control.as_ref().filter(|_| candidate.control.is_some());
-            controls.push(match control {
-                Some(c) => {
-                    let figure = |v: Option<f64>| v.unwrap_or(f64::INFINITY);
-                    let rows: Vec<StrideError> = c
-                        .figures
-                        .iter()
-                        .map(|f| StrideError {
-                            error: figure(f[0]),
-                            change: figure(f[1]),
-                            size: figure(f[2]),
-                            variation: figure(f[2]),
-                        })
-                        .collect();
-                    if rows.len() != stride.len() {
-                        return Err(file("its controller has other fields".into()));
-                    }
-                    Some((rows, c.bad))
-                }
-                None => None,
-            });
+            if saved.control.as_ref().is_some_and(|c| c.fields.len() != stride.len()) {
+                return Err(file("its controller has other fields".into()));
+            }
             shadows.push(match &saved.shadow {
                 // Rows of other fields than the mesh's are the ranks' own: they begin anew on another number of ranks.
                 Some(begun) => {
@@ -417,6 +393,6 @@ impl Ride<'_> {
                 None => Shadow::default(),
             });
         }
-        Ok((shadows, controls))
+        Ok(shadows)
     }
 }

@@ -6,7 +6,7 @@ use crate::host::*;
 use crate::{damage_header, place, root};
 use m4gn_parallel::NO_MPI;
 use m4gn_ride::Growth;
-use m4gn_ride::control::{Control, ControlSettings, StrideError};
+use m4gn_ride::control::{Control, ControlSettings, Measured, StrideError};
 use m4gn_samples::mesh as sample;
 use serde_json::{Value, json};
 use std::ffi::{CString, c_void};
@@ -330,7 +330,16 @@ fn control_figures() {
         if let Ok(mut control) = made {
             let known = match r.below(2) {
                 0 => control.measure(&rows[..n]).is_ok(),
-                _ => control.restore(&rows[..n], r.below(9)).is_ok(),
+                _ => {
+                    let measured = |s: &StrideError| Measured {
+                        error: Some(s.error),
+                        change: s.change,
+                        variation: s.variation,
+                        varies: true,
+                    };
+                    let rows: Vec<Measured> = rows[..n].iter().map(measured).collect();
+                    control.restore(&rows, r.below(9)).is_ok()
+                }
             };
             let (strides, error) = (control.strides(most), control.error());
             let estimate = control.estimate(strides);
