@@ -240,8 +240,9 @@ impl Ride<'_> {
                 control.others_jumped(strides);
             }
         }
-        self.watch.handed_back(self.totals.steps);
-        self.quantities.handed_back(jump.done.max(1), self.step.time);
+        let strides = self.totals.last_jump().max(1);
+        self.watch.handed_back(strides);
+        self.quantities.handed_back(strides, self.step.time);
         if jump.done > 0 || !jump.over || !jump.carried_on {
             self.log_jump(&jump, quantities);
         }

@@ -26,8 +26,9 @@ pub(crate) struct Totals {
     pub by: Vec<(usize, f64)>,
     /// Jumps that ended early because a prediction was not finite, or not accepted.
     pub ended_early: usize,
-    /// Strides of all jumps.
+    /// Strides of all jumps, and of those before the last one.
     pub steps: usize,
+    pub before: usize,
     /// Who jumped last.
     pub last: usize,
     /// Strides measured beside the solver, and decisions for no jump.
@@ -50,9 +51,15 @@ impl Totals {
             self.takeover = Some(time);
         }
         self.jumps += 1;
+        self.before = self.steps;
         self.by.resize(surrogates, (0, 0.0));
         self.by[surrogate].0 += 1;
         self.last = surrogate;
+    }
+
+    /// Strides of the last jump, in all parts of the run.
+    pub fn last_jump(&self) -> usize {
+        self.steps.saturating_sub(self.before)
     }
 }
 

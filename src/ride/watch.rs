@@ -24,8 +24,6 @@ pub struct Watch {
     watching: bool,
     /// Strides of the last jump.
     jump: usize,
-    /// Strides of all jumps until then.
-    strides: usize,
     /// Most strides of the next jump; none: no limit.
     most: Option<usize>,
     /// The solver's cap.
@@ -62,10 +60,9 @@ impl Watch {
         None
     }
 
-    /// A jump has ended, and all jumps until now had so many strides.
+    /// A jump of so many strides has ended.
     pub fn handed_back(&mut self, strides: usize) {
-        self.jump = strides - self.strides;
-        self.strides = strides;
+        self.jump = strides;
         self.after.clear();
         self.watching = true;
     }
@@ -167,7 +164,7 @@ mod tests {
         let said = steps(&mut watch, &[4, 4, 10, 4, 4]).unwrap();
         assert!(said.note.contains("a jump of 3 steps: the next jumps have 1 at most"), "{said:?}");
         assert_eq!(watch.most("2", 7), (1, None));
-        watch.handed_back(4);
+        watch.handed_back(1);
         let (most, said) = {
             watch.stepped("2.5", [10, 10]);
             watch.most("2.6", 7)

@@ -221,7 +221,9 @@ impl Host {
         (host.time, host.index) = (time, (time / DT).round() as i64);
         host.state = from.state_at(time);
         let state = toy::of(host.state);
+        host.report = from.report;
         let answer = host.ride.load(&file, host.step(), &view(&state))?;
+        host.jumped = usize::from(answer.stepped);
         host.go_on(answer)?;
         Ok(host)
     }

@@ -14,6 +14,13 @@ fn schedules() -> Vec<(String, Makes)> {
         (format!("{{{base}, \"control\": {{\"tolerance\": 0.02}}}}"), toy),
         (format!("{{{base}, \"control\": {{\"tolerance\": 0.2}}}}"), || Toy::new(0.5).jumping(1.0, 0.3)),
         (format!("{{{base}, \"control\": {{\"tolerance\": 1e-9}}}}"), toy),
+        // Jumps of 3, 1 and no strides
+        (
+            format!(
+                r#"{{{base}, "quantities": [{{"object": "probe", "result": "first", "tolerance": 0.05}}]}}"#
+            ),
+            toy,
+        ),
     ]
 }
 
@@ -23,6 +30,7 @@ fn a_run_that_is_carried_on_is_the_uninterrupted_one_from_every_time() {
         let folder = tempfile::tempdir().unwrap();
         let mut whole = Host::of(&settings, toys(), 9.0);
         whole.folder = Some(folder.path().into());
+        whole.report = settings.contains("quantities").then_some(0.3);
         whole.run().unwrap();
         let summary = whole.ride.end();
         let times: Vec<f64> = std::fs::read_dir(&folder)
@@ -62,6 +70,25 @@ fn a_run_that_was_stopped_in_a_jump_goes_on_with_the_rest_of_it() {
     assert!(host.log.contains("in a jump of which 4 steps are left"), "{}", host.log);
     host.run().unwrap();
     assert_eq!((host.state, host.ride.end()), (whole.state, whole.ride.end()));
+}
+
+#[test]
+fn under_other_conditions_a_jump_is_judged_by_its_own_strides() {
+    let settings = r#"{"mode": "replace", "name": "test", "solverSteps": 5, "surrogateSteps": 4}"#;
+    let folder = tempfile::tempdir().unwrap();
+    let mut first = Host::of(settings, Toy::new(0.5), 3.0);
+    first.folder = Some(folder.path().into());
+    first.run().unwrap();
+    let mut host = Host::new(from(settings, Some(Toy::new(0.5)), 2.8).unwrap(), 9.0);
+    (host.time, host.index, host.state) = (2.8, 28, toy::solver(2.8));
+    host.ride.made_under(r#"{"nu": "2"}"#).unwrap();
+    let state = toy::state(2.8);
+    let file = folder.path().join("2.8.state");
+    host.ride.load(&file, at(2.8, 0.1, 9.0, 28), &view(&state)).unwrap();
+    host.correctors = vec![[3, 10]; 5];
+    host.correctors.extend(vec![[10, 10]; 100]);
+    host.run().unwrap();
+    assert_eq!(host.events[..4], [Solved(5), Jumped(0, 4), Solved(5), Jumped(0, 2)], "{}", host.log);
 }
 
 #[test]
