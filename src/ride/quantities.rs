@@ -68,6 +68,8 @@ impl Track {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Quantities {
+    /// Object and result of each.
+    names: Vec<[String; 2]>,
     tracks: Vec<Track>,
     /// Of the state that a jump ended with, and of the solver's first step from it; none where they are no numbers. Times of both, s.
     handed_back: Vec<Option<f64>>,
@@ -91,6 +93,19 @@ pub(crate) struct Held {
 }
 
 impl Quantities {
+    /// Nothing is known of these yet.
+    pub fn new(settings: &[QuantitySettings]) -> Self {
+        let names = settings.iter().map(|s| [s.object.clone(), s.result.clone()]).collect();
+        Quantities { names, tracks: vec![Track::default(); settings.len()], ..Quantities::default() }
+    }
+
+    /// Goes on from those of another run, if they are the same results.
+    pub fn carry_on(&mut self, saved: Quantities) {
+        if saved.names == self.names {
+            *self = saved;
+        }
+    }
+
     /// The values after the present state: of the solver, or of a stride. `time`: s, and its name.
     pub fn reported(
         &mut self,
@@ -99,7 +114,6 @@ impl Quantities {
         solver: bool,
         time: (f64, &str),
     ) -> Held {
-        self.tracks.resize(settings.len(), Track::default());
         let mut held = Held::default();
         if solver && !self.handed_back.is_empty() {
             match self.first.is_empty() {
@@ -208,7 +222,7 @@ mod tests {
 
     /// Forty steps of the solver about 3, of a variation of 1.
     fn after_steps() -> Quantities {
-        let mut q = Quantities::default();
+        let mut q = Quantities::new(&settings());
         for i in 0..40 {
             let held = q.reported(&settings(), &[if i % 2 == 0 { 2.0 } else { 4.0 }], true, (1.0, "1"));
             assert_eq!(held, Held::default());
@@ -264,6 +278,23 @@ mod tests {
         q.reported(&settings(), &[f64::NAN], true, (3.1, "3.1"));
         let text = serde_json::to_string(&q).unwrap();
         assert_eq!(serde_json::from_str::<Quantities>(&text).unwrap(), q, "{text}");
+    }
+
+    #[test]
+    fn other_results_begin_anew_in_a_run_that_is_carried_on() {
+        let mut saved = after_steps();
+        saved.handed_back(4, 2.0);
+        let lift = QuantitySettings { result: "Cl".into(), ..settings().remove(0) };
+        let both = [settings(), vec![lift]].concat();
+        let mut q = Quantities::new(&both);
+        q.carry_on(saved.clone());
+        assert_eq!(q, Quantities::new(&both));
+        for time in [2.1, 2.2] {
+            assert_eq!(q.reported(&both, &[3.0, 0.1], true, (time, "2")), Held::default());
+        }
+        let mut q = Quantities::new(&settings());
+        q.carry_on(saved.clone());
+        assert_eq!(q, saved);
     }
 
     #[test]

@@ -202,7 +202,7 @@ impl<'a> Ride<'a> {
             kept,
             fields,
             watch: Watch::default(),
-            quantities: Quantities::default(),
+            quantities: Quantities::new(&settings.quantities),
             conditions: Conditions::default(),
             totals: Totals::default(),
             global,

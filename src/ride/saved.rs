@@ -252,7 +252,8 @@ impl Ride<'_> {
         self.totals.by.resize(self.candidates.len(), (0, 0.0));
         let ended = found.left >= 0 && !holds[found.jumper];
         if at.holds {
-            (self.watch, self.quantities, self.log.refused) = (found.watch, found.quantities, found.refused);
+            (self.watch, self.log.refused) = (found.watch, found.refused);
+            self.quantities.carry_on(found.quantities);
         }
         self.handed_back = step.index - if ended || !at.holds { 0 } else { found.since };
         self.decisions.carry_on(found.decisions);
