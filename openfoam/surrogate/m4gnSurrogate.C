@@ -219,6 +219,10 @@ void Foam::functionObjects::m4gnSurrogate::resume()
     }
     if (loaded) {
         follow(answer);
+        if (!answer.stepped) {
+            // A state of the solver's was written before its results were told
+            run_->reported(*this);
+        }
         jump();
     }
     jump_->beforeFirstStep();
@@ -385,8 +389,6 @@ bool Foam::functionObjects::m4gnSurrogate::filesModified() const
     // All function objects have seen the solver's step
     if (due_) {
         own.solved();
-    }
-    if (run_ && time_.timeIndex() != time_.startTimeIndex()) {
         own.run_->reported(*this);
     }
     own.jump();

@@ -281,7 +281,7 @@ impl Ride<'_> {
     }
 
     /// What the settings' quantities are after the present state, in their order; no number where there is none: behind
-    /// [`solved`](Self::solved), and after each stride. Not collective.
+    /// [`solved`](Self::solved), and after each stride. A state that a run is carried on from may be reported again. Not collective.
     ///
     /// # Errors
     /// [`Error::Input`] for another number of them.
@@ -292,6 +292,10 @@ impl Ride<'_> {
                 "ride: {} quantities: expected {expected}, those of the settings",
                 values.len()
             )));
+        }
+        let index = Some(self.step.index);
+        if std::mem::replace(&mut self.quantities.index, index) == index {
+            return Ok(());
         }
         let solver = match &self.phase {
             Phase::Solving => true,

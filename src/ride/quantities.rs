@@ -81,6 +81,8 @@ pub(crate) struct Quantities {
     most: Option<usize>,
     judged: usize,
     beyond: usize,
+    /// Number of the time step whose values were reported last.
+    pub index: Option<i64>,
 }
 
 /// What came of a comparison, for people; a warning where there are no more jumps.

@@ -29,11 +29,14 @@ below 0.2 "$(entry replaced_fraction)" "least that is replaced"
 # A fit that holds goes before the network: there is one when the network may begin
 awk '!/^#/ { if ($5 == "jumps") ++jumps[$2] } END { exit !jumps["dmd"] || jumps["network"] > jumps["dmd"] }' $strides ||
     { cat $strides; fail "the network jumps beside a fit"; }
+held_drag() { echo "$(entry quantities_judged "$1") $(entry quantities_beyond "$1") $(entry worst_forces_Cd "$1")"; }
+drags=$(held_drag 0)
 keep whole [0-9]* postProcessing
 
 # Carried on
 carry_on 3.25
 same_bytes ../whole 4/{U,p,phi}
+[ "$(held_drag 3.25)" = "$drags" ] || fail "the drag is judged otherwise: $(held_drag 3.25), expected $drags"
 
 # What is not there is named, and each of them needs its own
 beside=$(drag forces)

@@ -87,6 +87,31 @@ fn a_quantity_that_is_off_at_the_end_of_a_jump_makes_the_next_ones_shorter() {
     assert!(wrong.contains("0 quantities: expected 1"), "{wrong}");
 }
 
+#[test]
+fn a_state_that_is_reported_again_counts_once() {
+    let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 1,
+        "quantities": [{"object": "probe", "result": "first", "tolerance": 0.05}]}"#;
+    let mut r = ride(settings, Some(Toy::new(0.5))).unwrap();
+    let (given, mut next) = (toy::of([1.0, 2.0]), toy::of([1.0, 2.0]));
+    let state = view(&given);
+    let step = |time: f64| at(time, 0.1, 9.0, (10.0 * time).round() as i64);
+    assert_eq!(r.solved(step(1.0), Some(&state)).unwrap().action, Action::Stride);
+    r.reported(&[1.0]).unwrap();
+    r.stride(&mut next.iter_mut().map(Vec::as_mut_slice).collect::<Vec<_>>()).unwrap();
+    assert_eq!(r.advanced(step(1.5), Some(&state)).unwrap().action, Action::HandBack);
+    r.reported(&[1.5]).unwrap();
+    r.handed_back(step(1.5), Some(&state), &[]).unwrap();
+    for time in [1.6, 1.6, 1.7, 1.7] {
+        if time > r.step.time {
+            r.solved(step(time), None).unwrap();
+        }
+        r.reported(&[time]).unwrap();
+    }
+    let summary = r.end();
+    assert!(summary.contains("\"quantities_judged\": 1,"), "{summary}");
+    assert!(summary.contains("\"quantities_beyond\": 0,"), "{summary}");
+}
+
 fn host_error(settings: &str) -> String {
     let mut host = Host::of(settings, Toy::new(0.5), 1.0);
     host.ride.reported(&[]).unwrap_err().to_string()
