@@ -73,8 +73,8 @@ struct Host {
     by: Vec<usize>,
     solved: usize,
     log: String,
-    /// Of strides, of an observer's errors, and of modes.
-    tables: [String; 3],
+    /// Of strides, of an observer's errors, of modes, and of jumps.
+    tables: [String; 4],
     clock: Rc<Cell<f64>>,
     /// The step of the solver behind a time, and how many of them come between two states of a jump; 0: strides are whole.
     delta_t: fn(f64) -> f64,
@@ -204,6 +204,7 @@ impl Host {
         self.tables[0] += &self.ride.take(Text::Strides);
         self.tables[1] += &self.ride.take(Text::Errors);
         self.tables[2] += &self.ride.take(Text::Modes);
+        self.tables[3] += &self.ride.take(Text::Jumps);
     }
 
     /// Whether it was stopped.

@@ -146,7 +146,7 @@ impl Ride<'_> {
             if self.candidates.len() > 1 {
                 names.push("surrogate".into());
             }
-            if jump.expected.is_some() {
+            if self.settings.control.is_some() {
                 names.extend(["strideError", "estimate"].map(String::from));
             }
             let lines =
@@ -167,7 +167,10 @@ impl Ride<'_> {
         if self.candidates.len() > 1 {
             columns.push(jumper.name.clone());
         }
-        columns.extend(jump.expected.iter().flatten().map(|v| digits.of(*v)));
+        if self.settings.control.is_some() {
+            // Nothing is expected of what cuts a start-up short
+            columns.extend(jump.expected.unwrap_or([f64::NAN; 2]).map(|v| digits.of(v)));
+        }
         self.log.jumps += &row(&columns);
     }
 }

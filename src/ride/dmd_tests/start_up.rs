@@ -64,6 +64,11 @@ fn a_wave_that_grows_settles_earlier_and_is_the_same() {
     assert!(early < 0.6 * late, "{early} of {late}\n{}", host.log);
     assert!((amplitude(&host.u) - 1.0).abs() < 2e-3);
     assert!(host.jumps.iter().all(|jump| jump.0 == 1), "{:?}", host.jumps);
+    // Nothing is measured beside the solver before a cut: its row has the columns of any jump.
+    let rows: Vec<&str> = host.tables[3].lines().collect();
+    assert!(rows.iter().any(|row| row.ends_with("\tnan\tnan")), "{rows:?}");
+    let head = rows.iter().rfind(|row| row.starts_with('#')).unwrap();
+    assert!(head.contains("\tstrideError"), "{head}");
     for words in [
         "start-up: a wave of period 1.4 s, growth 0.09",
         "its amplitude is brought to",
