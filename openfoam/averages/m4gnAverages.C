@@ -351,7 +351,8 @@ bool Foam::functionObjects::m4gnAverages::execute()
         Info << "m4gn: all figures of " << name() << " are known at time " << time_.timeName() << nl << endl;
     }
     known_ = known;
-    if (known_ && stop_ && now >= minTime_) {
+    // Once: at the run's last time this would put off its end
+    if (known_ && stop_ && now >= minTime_ && time_.stopAt() != Time::stopAtControls::saWriteNow) {
         time_.stopAt(Time::stopAtControls::saWriteNow);
     }
     // Whatever writeControl says: a restart goes on from any write time

@@ -48,10 +48,16 @@ keep long postProcessing
 [ "$(last_time)" = 2.5 ] || fail "the run without stop ended at $(last_time)"
 grep -q 'm4gn: Cd .* +- .* (95 %), transient to .* s' log.run || fail "the log has no line of Cd"
 
-# Ended when both are known
+# Ended when both are known; others see that this is the end
 clean_case
+beside='test { type m4gnRecorder; libs (m4gnFoam); timeEnd 0.1; writeControl timeStep; writeInterval 10; }'
 averages 'stop yes; minTime 0.5;'
+echo 'last { type fieldMinMax; libs (fieldFunctionObjects); fields (p); executeControl onEnd; writeControl onEnd; log no; }' >> system/functions
 runs icoFoam
+[ -f postProcessing/test/0/trajectory.h5 ] || fail "the recording to 0.1 has not got its name"
+[ "$(rows postProcessing/last/0/fieldMinMax.dat | wc -l)" = 1 ] || fail "what is executed at the end was not executed once"
+unset beside
+averages 'stop yes; minTime 0.5;'
 end=$(last_time)
 holds "$end < 2.2 && $end >= 0.5" "the end of the run:"
 grep -q 'all figures of averages are known' log.run || fail "the log does not say that all is known"
