@@ -107,6 +107,8 @@ void Foam::functionObjects::m4gnAverages::start()
         }
         const auto* at = isA<functionObjects::timeControl>(list[others.find(q.functionObject)]);
         q.seldom = at && !(at->executeControl().always() && at->writeControl().always());
+        // It may end before the run
+        q.seldom = q.seldom || (at && (at->dict().found("timeEnd") || at->dict().found("triggerEnd")));
         // Behind a timeStart the first row stands for its own step alone
         q.last = max(last_, time_.value() - time_.deltaTValue());
     }
@@ -141,7 +143,9 @@ Foam::fileName Foam::functionObjects::m4gnAverages::stateFile(const scalar time)
 
 bool Foam::functionObjects::m4gnAverages::value(const quantity& from, scalar& found)
 {
-    const word type(objectResultType(from.functionObject, from.result));
+    // Results outlive a function object that is taken out of controlDict
+    const bool inRun = time_.functionObjects().findObjectID(from.functionObject) >= 0;
+    const word type(inRun ? objectResultType(from.functionObject, from.result) : word::null);
 
     if (type == pTraits<scalar>::typeName) {
         return getObjectResult(from.functionObject, from.result, found);
@@ -165,7 +169,7 @@ bool Foam::functionObjects::m4gnAverages::value(const quantity& from, scalar& fo
                              << exit(FatalError);
     }
 
-    const wordList others(objectResultEntries(from.functionObject));
+    const wordList others(inRun ? objectResultEntries(from.functionObject) : wordList());
     if (others.size()) {
         FatalErrorInFunction << "Quantity " << from.name << " of " << name() << ": " << from.functionObject
                              << " publishes no " << from.result << nl
@@ -173,7 +177,9 @@ bool Foam::functionObjects::m4gnAverages::value(const quantity& from, scalar& fo
     }
     if (silent_.insert(from.name)) {
         Info << "m4gn: " << name() << " waits for " << from.functionObject
-             << ", which has published no result yet; have it in front of " << name() << nl << endl;
+             << (inRun ? ", which has published no result yet; have it in front"
+                       : ", which this run has no longer")
+             << nl << endl;
     }
     return false;
 }

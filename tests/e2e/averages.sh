@@ -122,6 +122,12 @@ expect_log "pMax: too few rows, $(calc "int($steps/20)")\$"
 control startFrom latestTime endTime 0.3
 runs timeout 300 mpirun -np 2 icoFoam -parallel -fileHandler collated
 expect_log 'carries on with the series of .*0.2/uniform/averages.state'
+# What is published no more adds nothing
+sed -i 's/writeInterval 20;/writeInterval 1; timeEnd 0.2;/' system/functions
+control startFrom startTime endTime 0.3
+runs timeout 300 mpirun -np 2 icoFoam -parallel -fileHandler collated
+[ "$(figure . pMax rows)" = "$steps" ] || fail "rows behind timeEnd: $(figure . pMax rows), expected $steps"
+control startFrom latestTime
 # Not the series of another quantity that has the same name
 control endTime 0.4
 beside= averages ''
