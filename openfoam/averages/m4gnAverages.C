@@ -294,6 +294,10 @@ Foam::functionObjects::m4gnAverages::m4gnAverages(
       lastCheck_(0), lastState_(-1), started_(false), known_(false)
 {
     read(dict);
+    if (postProcess) {
+        Info << "m4gn: " << name << " leaves the figures of the run as they are;"
+             << " \"m4gn averages\" reads the tables that others make of stored times" << nl << endl;
+    }
 }
 
 bool Foam::functionObjects::m4gnAverages::read(const dictionary& dict)
@@ -332,6 +336,9 @@ bool Foam::functionObjects::m4gnAverages::read(const dictionary& dict)
 
 bool Foam::functionObjects::m4gnAverages::execute()
 {
+    if (postProcess) {
+        return true;
+    }
     start();
 
     const scalar now = time_.value();

@@ -70,6 +70,10 @@ done
 m4gn averages postProcessing/forces/0/coefficient.dat --column Cd --json cd.json > log.averages ||
     fail "m4gn averages: $(cat log.averages)"
 [ "$(python3 -c 'import json; print(round(json.load(open("cd.json"))["frequency"], 1))')" = 10.0 ] || fail "expected the inlet's frequency: $(cat cd.json)"
+# Post-processing leaves the figures of the run as they are
+cp postProcessing/averages/0/averages.json ../known.json
+runs icoFoam -postProcess
+cmp ../known.json postProcessing/averages/0/averages.json || fail "post-processing wrote figures over those of the run"
 
 # Carried on from a write time in the middle: as without the interruption
 rm -rf postProcessing "$end"
