@@ -2,8 +2,8 @@
 # Rows of the README's table of results, by their own command on one draw. Sourced.
 . "$(dirname "${BASH_SOURCE[0]}")/../e2e/common.sh"
 
-# hybrid OPTIONS...: 'm4gn hybrid' of one draw, without cheaper plain solvers
-hybrid() { runs m4gn hybrid --count 1 --baseline none --out hybrid --json hybrid.json "$@"; }
+# hybrid OPTIONS...: 'm4gn hybrid' of one draw, without cheaper plain solvers; a second one goes on with the runs of the first
+hybrid() { runs m4gn hybrid --count 1 --baseline none --keep-cases --out hybrid --json hybrid.json "$@"; }
 
 # figure VARIANT FIGURE: median of a figure of the variant's runs
 figure() { python3 -c 'import json, sys; print(json.load(open("hybrid.json"))["summary"][0]["runs"][sys.argv[1]][sys.argv[2]]["median"])' "$@"; }

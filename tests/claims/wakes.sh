@@ -9,6 +9,7 @@ claim hybrid end 0.3 0.8
 # No entry set: the interval is the run's own. A variant is dmd's where there is no model.
 echo '#remove dmd' >FILE
 hybrid --seed 4321 --variant auto=FILE --end 6
+expect_silence '^0000  full '
 claim auto end 0.03 0.2
 
 # The answer: the plain solver that ends when it knows
