@@ -9,20 +9,18 @@ use std::process::{Command, Output};
 
 const HOME: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 
+fn without_model(folder: &Path, options: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_m4gn"));
+    command.env("M4GN_HOME", HOME).env_remove("WM_PROJECT_DIR");
+    command.args("hybrid --count 1 --set mesh=coarse --takeover 0.5 --seed 7".split(' '));
+    command.arg("--out").arg(folder.join("runs")).args(options.split_whitespace());
+    command
+}
+
 /// A flow whose surrogate replaces 0.5 s of each 0.55 s, from 0.55 s on.
 fn hybrid(folder: &Path, options: &str) -> Output {
     let model = Path::new(HOME).join("models/cylinder-flow.safetensors");
-    Command::new(env!("CARGO_BIN_EXE_m4gn"))
-        .env("M4GN_HOME", HOME)
-        .env_remove("WM_PROJECT_DIR")
-        .args("hybrid --count 1 --set mesh=coarse --takeover 0.5 --seed 7".split(' '))
-        .arg("--model")
-        .arg(model)
-        .arg("--out")
-        .arg(folder.join("runs"))
-        .args(options.split_whitespace())
-        .output()
-        .unwrap()
+    without_model(folder, options).arg("--model").arg(model).output().unwrap()
 }
 
 fn text(output: &Output) -> String {
@@ -104,6 +102,10 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     let kept = &figures()["cases"][0]["runs"]["hybrid"];
     assert_eq!(kept["made_with"], runs["hybrid"]["made_with"]);
     assert_eq!(kept["score"]["cells"], runs["hybrid"]["score"]["cells"]);
+    // Nor is anything of dmd run anew without the model, which it does not need.
+    let alone =
+        without_model(dir.path(), "--end 1.6 --baseline loose --baseline half=cells=0.5").output().unwrap();
+    assert!(alone.status.success() && alone.stderr.is_empty(), "{}", text(&alone));
 
     // A variant that changed is made anew, with the full run that it is compared with; one that fails is told.
     fs::write(path("short"), "noSuchEntry 1;\n").unwrap();

@@ -23,8 +23,10 @@ use std::time::Instant;
 pub(super) struct Job<'a> {
     pub plan: &'a Plan,
     pub settings: &'a Settings,
-    /// Of the model and of the libraries that run it.
-    pub surrogate: Digest,
+    /// Of the libraries that run surrogates.
+    pub libraries: Digest,
+    /// Of these and the model.
+    pub network: Digest,
     /// Of the library that finds figures and ends runs, where there are some.
     pub averages: Digest,
     pub comparing: &'a Mutex<()>,
@@ -155,8 +157,9 @@ impl Job<'_> {
             digest.add("surrogate steps", &s.surrogate_steps.to_le_bytes());
             digest.add("full", full.key.as_bytes());
         }
-        if let Some(Kind::Hybrid { .. }) = kind {
-            digest.add("surrogate", self.surrogate.text().as_bytes());
+        if let Some(Kind::Hybrid { surrogates, .. }) = kind {
+            let surrogate = if surrogates.contains(NETWORK) { self.network } else { self.libraries };
+            digest.add("surrogate", surrogate.text().as_bytes());
         }
         Ok(Prepared { name, kind, draw, files, functions, key: digest.text() })
     }

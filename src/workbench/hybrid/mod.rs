@@ -24,7 +24,7 @@ use crate::generate::family::{Draw, Family, Hybrid};
 use crate::generate::parameter::Settings;
 use crate::generate::process::Surroundings;
 use crate::generate::queue;
-use m4gn_base::{Error, Result, files, lock, plugin};
+use m4gn_base::{Error, Result, lock, plugin};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -115,15 +115,16 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
     for folder in plan.stretches.iter().chain([&plan.folder]) {
         plan.family.check_outside(folder)?;
     }
-    let mut surrogate = Digest::default();
+    let mut libraries = Digest::default();
     let own = plan.schedule.libraries.iter().map(String::as_str);
     let remedy =
         "./Allrun builds it; setup/solids4foam.sh what needs solids4foam (docs/how-to/build-solids4foam.md)";
-    let libraries = ["libm4gn.so", "libm4gnFoam.so"].into_iter().chain(own);
-    for file in libraries.map(|name| plugin::find(name, remedy)).chain(plan.model.clone().map(Ok)) {
-        let file = file?;
-        let bytes = files::read(&file).map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
-        surrogate.add("file", &bytes);
+    for name in ["libm4gn.so", "libm4gnFoam.so"].into_iter().chain(own) {
+        libraries.add_file("file", &plugin::find(name, remedy)?)?;
+    }
+    let mut network = libraries;
+    if let Some(model) = &plan.model {
+        network.add_file("file", model)?;
     }
     let mut averages = Digest::default();
     if plan.answers {
@@ -134,8 +135,15 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
     let folders = plan.stretches.iter().filter(|f| **f != plan.folder).chain([&plan.folder]);
     let _locks = folders.map(|f| lock::folder(f)).collect::<Result<Vec<_>>>()?;
     let comparing = Mutex::new(());
-    let job =
-        case::Job { plan, settings: &settings, surrogate, averages, comparing: &comparing, report: &report };
+    let job = case::Job {
+        plan,
+        settings: &settings,
+        libraries,
+        network,
+        averages,
+        comparing: &comparing,
+        report: &report,
+    };
     let mut results: Vec<DrawResult> = Vec::new();
     let run = |i: usize| Some(job.run(i as u64, &draws[i]));
     queue::in_parallel((plan.jobs, draws.len()), &plan.tools, run, |_, result| {
