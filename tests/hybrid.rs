@@ -169,7 +169,7 @@ fn a_family_that_was_edited_is_run_anew() {
     edit("constant/transportProperties", "@nu@", "2e-3");
     let thicker = run();
     assert!(thicker.0 && thicker.1 != slower.1);
-    let inside = hybrid(dir.path(), &format!("{options} --record-solver {}", own.join("pool").display()));
+    let inside = hybrid(&own, &options);
     assert!(text(&inside).contains("inside of the family's folder"), "{}", text(&inside));
 }
 
@@ -216,8 +216,6 @@ fn solids_are_compared_by_their_displacement() {
         .arg(Path::new(HOME).join("models/beam.safetensors"))
         .arg("--out")
         .arg(dir.path().join("runs"))
-        .arg("--record-solver")
-        .arg(dir.path().join("pool"))
         .arg("--json")
         .arg(&json)
         .output()
@@ -250,15 +248,6 @@ fn solids_are_compared_by_their_displacement() {
         let [whole, after] = ["processor", "after_takeover"].map(|k| cost[k].as_f64().unwrap());
         assert!(after > 0.0 && after < whole, "{cost}");
     }
-
-    // The solver's start-up to the first jump, for training: frames of the family's interval, 0.01 s, to 0.32 s
-    let pool: Vec<_> = fs::read_dir(dir.path().join("pool")).unwrap().collect();
-    let names: Vec<_> = pool.into_iter().map(|e| e.unwrap().path()).collect();
-    let first = names.iter().find(|p| p.ends_with("7-0000-hybrid-0.01.h5"));
-    let first = first.unwrap_or_else(|| panic!("{names:?}"));
-    let info = Command::new(env!("CARGO_BIN_EXE_m4gn")).arg("info").arg(first).output();
-    let info = text(&info.unwrap());
-    assert!(info.contains("ddt(D)") && info.contains("hybrid"), "{info}");
 }
 
 #[test]

@@ -27,15 +27,3 @@ Foam::word Foam::m4gnActiveSurrogate::before(const scalar time, const m4gnActive
 
     return word::null;
 }
-
-Foam::m4gnActiveSurrogate::state Foam::m4gnActiveSurrogate::last(const fvMesh& mesh)
-{
-    for (const m4gnActiveSurrogate* one : all_) {
-        const state made(one->lastState(mesh));
-        if (made.timeIndex >= 0) {
-            return made;
-        }
-    }
-
-    return {-1, false, 0};
-}

@@ -42,11 +42,6 @@ void Foam::functionObjects::m4gnRecorder::start()
     checkSource();
 
     nodes_ = m4gnNodes::New(mesh_, dict_);
-
-    const label nModes = dict_.getOrDefault<label>("modes", defaultModes);
-    if (nModes > 0 && m4gnElasticModes::wanted(mesh_, dict_)) {
-        modes_.reset(new m4gnElasticModes(mesh_, dict_, nModes));
-    }
     fields_.reset(new m4gnFieldSet(mesh_, fieldNames_));
 
     const string why(m4gn::notHandedOver(
@@ -75,9 +70,6 @@ void Foam::functionObjects::m4gnRecorder::open()
     if (!path_.isAbsolute()) {
         path_ = time_.globalPath() / path_;
     }
-    if (stretches_) {
-        path_ = path_.lessExt() + "-" + time_.timeName() + "." + (path_.hasExt() ? path_.ext() : word("h5"));
-    }
     if (Pstream::master()) {
         mkDir(path_.path());
         if (file_.empty()) {
@@ -92,8 +84,11 @@ void Foam::functionObjects::m4gnRecorder::open()
     const std::string settings(options(dict_, path_));
 
     // The recorder keeps what it needs of them
-    if (modes_) {
-        nodes_->setModes(modes_->eigenvalues(), modes_->cells());
+    autoPtr<m4gnElasticModes> modes;
+    const label nModes = dict_.getOrDefault<label>("modes", defaultModes);
+    if (nModes > 0 && m4gnElasticModes::wanted(mesh_, dict_)) {
+        modes.reset(new m4gnElasticModes(mesh_, dict_, nModes));
+        nodes_->setModes(modes->eigenvalues(), modes->cells());
     }
     m4gn::check(
         m4gn_recorder_new(
@@ -107,9 +102,6 @@ void Foam::functionObjects::m4gnRecorder::open()
                           << endl;
     }
     nodes_->clearModes();
-    if (!stretches_) {
-        modes_.clear();
-    }
 
     Log << type() << ' ' << name() << ": recording " << m4gn::join(fieldNames_) << " to " << path_ << endl;
 }
@@ -127,51 +119,38 @@ void Foam::functionObjects::m4gnRecorder::tellOfKilled() const
     }
 }
 
-void Foam::functionObjects::m4gnRecorder::checkSource()
+void Foam::functionObjects::m4gnRecorder::checkSource() const
 {
     const scalar last = Foam::min(dict_.getOrDefault<scalar>("timeEnd", VGREAT), time_.endTime().value());
-    replacer_ = postProcess ? word::null : m4gnActiveSurrogate::before(last);
+    const word replacer(postProcess ? word::null : m4gnActiveSurrogate::before(last));
 
-    if (replacer_.empty()) {
-        stretches_ = false;
-    } else if (!stretches_ && !dict_.getOrDefault<bool>("hybrid", false)) {
+    if (replacer.size()) {
         FatalErrorInFunction << "Function object " << name() << " would record states of the"
-                             << " surrogate " << replacer_ << " as if they were the solver's" << nl
-                             << "    Record a run without mode replace, give " << name()
-                             << " a timeEnd that is not later than the timeStart of " << replacer_
-                             << ", record the solver's stretches between the jumps"
-                             << " with hybrid stretches, or, not for training, give it hybrid"
-                             << " yes: the file then says so" << exit(FatalError);
+                             << " surrogate " << replacer << " as if they were the solver's" << nl
+                             << "    Record a run without mode replace, or give " << name()
+                             << " a timeEnd that is not later than the timeStart of " << replacer
+                             << exit(FatalError);
     }
 }
 
-void Foam::functionObjects::m4gnRecorder::close()
+void Foam::functionObjects::m4gnRecorder::finish()
 {
+    finished_ = true;
     if (!recorder_) {
         return;
     }
 
     const label nFrames = m4gn_recorder_n_frames(recorder_);
-
-    // A stretch of one frame says nothing of the time between
-    if (!stretches_ || nFrames > 1) {
-        m4gn::check(m4gn_recorder_finish(recorder_), "m4gnRecorder cannot finish");
-        Log << type() << ' ' << name() << ": " << nFrames << " frames in " << path_ << nl << endl;
-    }
+    m4gn::check(m4gn_recorder_finish(recorder_), "m4gnRecorder cannot finish");
+    Log << type() << ' ' << name() << ": " << nFrames << " frames in " << path_ << nl << endl;
 
     m4gn_recorder_free(recorder_);
     recorder_ = nullptr;
 }
 
-void Foam::functionObjects::m4gnRecorder::finish()
-{
-    close();
-    finished_ = true;
-}
-
 Foam::wordList Foam::functionObjects::m4gnRecorder::ownKeys()
 {
-    wordList keys({"fields", "file", "nodeTypes", "U", "p", "phi", "D", "modes", "hybrid"});
+    wordList keys({"fields", "file", "nodeTypes", "U", "p", "phi", "D", "modes"});
     keys.append(m4gnElasticModes::keys());
     return keys;
 }
@@ -187,8 +166,6 @@ std::string Foam::functionObjects::m4gnRecorder::options(const dictionary& dict,
 
 Foam::dictionary Foam::functionObjects::m4gnRecorder::provenance(const dictionary& dict) const
 {
-    const auto replaced = m4gnActiveSurrogate::last(mesh_);
-
     dictionary about;
     about.add("application", string(time_.controlDict().getOrDefault<word>("application", "unknown")));
     about.add("case", string(time_.globalCaseName()));
@@ -199,14 +176,7 @@ Foam::dictionary Foam::functionObjects::m4gnRecorder::provenance(const dictionar
     if (acting.size()) {
         about.add("sources", acting);
     }
-    about.add(
-        "deltaT", replaced.timeIndex == time_.timeIndex() ? replaced.solverDeltaT : time_.deltaTValue());
-    if (replacer_.size()) {
-        about.add(
-            "hybrid", string(
-                          stretches_ ? "the solver between jumps of the surrogate " + replacer_
-                                     : "with states of the surrogate " + replacer_));
-    }
+    about.add("deltaT", time_.deltaTValue());
     const dictionary solid(m4gnMechanicalProperties(mesh_).description(dict.getOrDefault<word>("D", "D")));
     if (solid.size()) {
         about.add("solid", solid);
@@ -229,8 +199,7 @@ bool Foam::functionObjects::m4gnRecorder::runComplete() const
 
 Foam::functionObjects::m4gnRecorder::m4gnRecorder(
     const word& name, const Time& runTime, const dictionary& dict)
-    : fvMeshFunctionObject(name, runTime, dict), stretches_(false), recorder_(nullptr), replaced_(-1),
-      lastTime_(-VGREAT), finished_(false)
+    : fvMeshFunctionObject(name, runTime, dict), recorder_(nullptr), lastTime_(-VGREAT), finished_(false)
 {
     read(dict);
 }
@@ -268,10 +237,6 @@ bool Foam::functionObjects::m4gnRecorder::read(const dictionary& dict)
     dict_ = dict;
     fieldNames_ = dict.getOrDefault<wordList>("fields", wordList({"U", "p"}));
     file_ = dict.getOrDefault<fileName>("file", fileName());
-    stretches_ = dict.getOrDefault<word>("hybrid", "no") == "stretches";
-    if (!stretches_) {
-        dict.getOrDefault<bool>("hybrid", false);
-    }
 
     if (fieldNames_.empty()) {
         FatalIOErrorInFunction(dict) << "Entry fields is empty; expected names such as (U p)"
@@ -292,18 +257,6 @@ bool Foam::functionObjects::m4gnRecorder::write()
 
     if (!nodes_) {
         start();
-    }
-
-    if (stretches_) {
-        const auto replaced = m4gnActiveSurrogate::last(mesh_);
-
-        if (replaced.timeIndex != replaced_) {
-            close();
-            replaced_ = replaced.timeIndex;
-        }
-        if (replaced_ == time_.timeIndex() && !replaced.handedOver) {
-            return true;
-        }
     }
 
     fields_->gather(*nodes_);

@@ -118,7 +118,7 @@ Foam::m4gnJump::m4gnJump(
     : mesh_(mesh), time_(const_cast<Time&>(mesh.time())), run_(run), state_(state), completions_(completions),
       completion_(of(0)), name_(name), others_(m4gnFunctionObjects::chosen(name, mesh.time(), dict)),
       interval_(m4gnFunctionObjects::interval(dict)), writes_(dict.getOrDefault<bool>("writeJumps", false)),
-      stale_(mesh), jumping_(false), last_({-1, false, 0}), writesFrom_(mesh.time().startTime().value())
+      stale_(mesh), jumping_(false), last_{false, 0}, writesFrom_(mesh.time().startTime().value())
 {
     if (mesh_.moving() || mesh_.changing()) {
         FatalErrorInFunction << "mode replace does not handle a mesh that moves or changes"
@@ -143,7 +143,6 @@ void Foam::m4gnJump::advance(const m4gn_ride_answer& answer)
         FatalErrorInFunction << "The surrogate predicts a part of the state alone, and nothing"
                              << " makes the others of it" << exit(FatalError);
     }
-    last_.timeIndex = time_.timeIndex();
     last_.handedOver = false;
     m4gnClockwork::passed(time_, answer.solver_steps);
 }
@@ -202,9 +201,8 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
         const m4gnOwnFields::heldTimeStep solverStep(mesh_, state_.fields());
         m4gnClock timer;
         scalar surrogate = 0, handOver = 0;
-        const m4gnActiveSurrogate::state before(last_);
         completion_ = of(answer.surrogate);
-        last_ = {last_.timeIndex, false, deltaT};
+        last_ = {false, deltaT};
         jumping_ = true;
 
         const auto complete = [&](const bool last) {
@@ -263,9 +261,7 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
             }
         }
 
-        if (answer.action == M4GN_RIDE_SOLVE) {
-            last_ = before;
-        } else if (!last_.handedOver) {
+        if (answer.action != M4GN_RIDE_SOLVE && !last_.handedOver) {
             // The jump ended early
             complete(true);
             if (writes_) {

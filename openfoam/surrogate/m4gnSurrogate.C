@@ -252,15 +252,6 @@ Foam::scalar Foam::functionObjects::m4gnSurrogate::replacesFrom() const
     return replaces_ ? timeStart_ : VGREAT;
 }
 
-Foam::m4gnActiveSurrogate::state Foam::functionObjects::m4gnSurrogate::lastState(const fvMesh& mesh) const
-{
-    if (&mesh != &mesh_ || !jump_) {
-        return {-1, false, 0};
-    }
-
-    return jump_->last();
-}
-
 bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 {
     if (run_) {

@@ -176,7 +176,7 @@ fn out(args: &Args) -> Result<()> {
             Kind::Npz => (export::to_npz, "npz"),
             _ => (export::to_vtu, "pvd"),
         };
-        // Names of stretches have a dot in their time
+        // A name may have a dot of its own
         let mut name = stem.to_os_string();
         name.push(format!(".{end}"));
         let to = if single { args.out.clone() } else { args.out.join(name) };

@@ -54,9 +54,6 @@ pub struct Args {
     /// Folder of the runs and results
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Record what the solver does between the jumps of the hybrids, for the next training: DIR/SEED-INDEX-NAME-TIME.h5
-    #[arg(long, value_name = "DIR")]
-    record_solver: Option<PathBuf>,
     /// Draws at once; above 1, times disturb each other
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=4096))]
     jobs: u64,
@@ -182,7 +179,6 @@ fn plan(args: &Args) -> Result<Plan> {
         count: args.count,
         variants,
         folder: plain_path(&args.out)?,
-        stretches: args.record_solver.as_deref().map(plain_path).transpose()?,
         jobs: args.jobs as usize,
         keep_cases: args.keep_cases,
         answers: args.answers,

@@ -61,7 +61,6 @@ fn survey(folder: &Path, config: &Config, from: Option<&Model>, report: &Report)
     let mut spec = describe(draft, longest)?;
     let frames = frames_a_step(longest.times(), spec.stride, longest.path())?;
     let needed = 1 + frames * config.training.longest_unroll();
-    // As the last stretch of a hybrid run may be.
     let short = |trajectory: &Trajectory| trajectory.times().len() < needed;
     // Where none is long enough, that is what is said.
     let all_short = train.iter().all(short);

@@ -21,41 +21,8 @@ with "$(first)" "$(second m4gnSurrogate "mode observe; $small timeEnd 0.02;")"
 # Recording it
 never "Function object second would record states of the surrogate first as if they were the solver's" "$(first)" "$(second m4gnRecorder '')"
 [ -z "$(find . -name 'trajectory*')" ] || fail "a refused recording left a file"
-with "$(first)" "$(second m4gnRecorder 'hybrid yes;')"
-m4gn info postProcessing/second/0/trajectory.h5 > ../info
-grep -q 'hybrid.*with states of the surrogate first' ../info || { cat ../info; fail "the recording does not say so"; }
-
-# Of it, what the solver does between the jumps: 0.002 to 0.02, and from what is handed back at 0.04 to the end
-# stretches FIRST_TIME FRAMES ...: they are what was recorded
-stretches() {
-    local files=postProcessing/second/0
-    [ "$(find $files -type f | wc -l)" -eq $(($# / 2)) ] || fail "$(find $files -type f): expected $(($# / 2)) files"
-    while [ $# -gt 0 ]; do
-        m4gn info $files/trajectory-"$1".h5 > ../info || fail "no stretch from $1 s"
-        grep -q "^frames  *$2 from $1 to" ../info || { cat ../info; fail "expected $2 frames from $1 s"; }
-        grep -q 'hybrid.*the solver between jumps of the surrogate first' ../info || fail "the stretch does not say what it is"
-        shift 2
-    done
-}
-stretched=$(second m4gnRecorder 'hybrid stretches;')
-with "$(first)" "$stretched"
-stretches 0.002 10 0.04 11
-cp postProcessing/second/0/trajectory-0.04.h5 ../behind.h5
-with "$stretched" "$(first)"
-stretches 0.002 10 0.04 11
-content() { m4gn info "$1" | tail -n +2; }
-diff <(content ../behind.h5) <(content postProcessing/second/0/trajectory-0.04.h5) || fail "in front of the surrogate something else is recorded"
-clean_case
-solve 2
-stretches 0.002 10 0.04 11
-with "$stretched" "$(first 'executeOthers no;')"
-stretches 0.002 10 0.042 10
-with "$(first)" "$(second m4gnRecorder 'hybrid stretches; writeControl timeStep; writeInterval 10;')"
-stretches 0.04 2
-
 with "$(first)" "$(second m4gnRecorder 'timeEnd 0.02;')"
 [ -f postProcessing/second/0/trajectory.h5 ] || fail "the time before was not recorded"
-! m4gn info postProcessing/second/0/trajectory.h5 | grep -q hybrid || fail "a recording of the solver alone says hybrid"
 
 # scalarTransport with the surrogate's stride, five times the solver's, would have to be at 22 times
 others=$(echo 'transport { type scalarTransport; libs (solverFunctionObjects); field s; D 1e-3; nCorr 0; resetOnStartUp no; log yes; }'; drag forces)

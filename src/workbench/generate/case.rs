@@ -159,7 +159,7 @@ impl Family {
 }
 
 /// Entries of a provenance that say which draw of a family a recording is of.
-pub(crate) fn origin(family: &Family, seed: u64, index: u64, draw: &Draw) -> Vec<(String, String)> {
+fn origin(family: &Family, seed: u64, index: u64, draw: &Draw) -> Vec<(String, String)> {
     let mut entries = vec![
         ("family".into(), family.name.clone()),
         ("seed".into(), seed.to_string()),
@@ -173,7 +173,7 @@ pub(crate) fn origin(family: &Family, seed: u64, index: u64, draw: &Draw) -> Vec
 }
 
 /// The dictionary `provenance` of m4gnRecorder.
-pub(crate) fn provenance(entries: &[(String, String)]) -> String {
+fn provenance(entries: &[(String, String)]) -> String {
     let lines: String = entries.iter().map(|(key, value)| format!("        {key:<15} {value};\n")).collect();
     format!("    provenance\n    {{\n{lines}    }}\n")
 }

@@ -19,7 +19,7 @@ pub const FILE: &str = "family.toml";
 pub(super) const RESERVED: [&str; 3] = ["deltaT", "endTime", "writeInterval"];
 
 /// What the provenance of a recording says beside the quantities of its family.
-const PROVENANCE: [&str; 16] = [
+const PROVENANCE: [&str; 15] = [
     "command",
     "family",
     "seed",
@@ -33,7 +33,6 @@ const PROVENANCE: [&str; 16] = [
     "openfoam",
     "m4gn",
     "ranks",
-    "hybrid",
     "solid",
     "interval",
 ];

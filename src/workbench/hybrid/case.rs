@@ -9,13 +9,13 @@ use crate::compare::log::Log;
 use crate::compare::{self, Options};
 use crate::digest::Digest;
 use crate::foam_case::FoamCase;
-use crate::generate::case::{Files, Times, origin, program, provenance};
+use crate::generate::case::{Files, Times, program};
 use crate::generate::family::Draw;
 use crate::generate::parameter::Settings;
 use m4gn_base::files::write_whole;
 use m4gn_base::{Error, Result};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -137,7 +137,6 @@ impl Job<'_> {
         let functions = match kind {
             Some(Kind::Hybrid { surrogates, entries, .. }) => {
                 self.surrogate(times.delta_t, surrogates, entries)
-                    + &self.recorder(times.delta_t, index, name, &draw)?
             }
             _ => String::new(),
         };
@@ -169,8 +168,7 @@ impl Job<'_> {
         let (case, file) = (folder.join(run.name), folder.join(format!("{}.json", run.name)));
         // A record stands for fields that are whole: that of a run before this one goes first.
         let _ = std::fs::remove_file(&file);
-        let made = self.try_make(folder, run).and_then(|mut record| {
-            record.stretches = self.stretches(result.index, run.name);
+        let made = self.try_make(folder, run).and_then(|record| {
             let text = serde_json::to_vec(&record).map_err(|e| Error::Internal(e.to_string()))?;
             write_whole(&file, &text)?;
             Ok(record)
@@ -286,17 +284,6 @@ impl Job<'_> {
         Ok((score, compared.json()?))
     }
 
-    /// The files of the solver's stretches that a run has recorded.
-    fn stretches(&self, index: u64, name: &str) -> Vec<PathBuf> {
-        let begin = format!("{}-{index:04}-{name}-", self.plan.seed);
-        let folder = self.plan.stretches.iter().filter_map(|f| std::fs::read_dir(f).ok());
-        let of_run = |e: &std::fs::DirEntry| e.file_name().to_str().is_some_and(|n| is_stretch(n, &begin));
-        let files = folder.flatten().flatten().filter(of_run);
-        let mut files: Vec<PathBuf> = files.map(|e| e.path()).collect();
-        files.sort();
-        files
-    }
-
     /// The function object's entries; those of the variant come last, so that they count.
     fn surrogate(&self, delta_t: f64, surrogates: &str, entries: &str) -> String {
         let s = &self.plan.schedule;
@@ -320,53 +307,10 @@ impl Job<'_> {
              surrogates      ({surrogates});\n{own}    timeStart       {start};\n\n{entries}\n}}\n"
         )
     }
-
-    /// The function object that records the solver's stretches between the jumps, if that is asked for.
-    fn recorder(&self, delta_t: f64, index: u64, name: &str, draw: &Draw) -> Result<String> {
-        let Some(stretches) = &self.plan.stretches else {
-            return Ok(String::new());
-        };
-        let (family, seed) = (&self.plan.family, self.plan.seed);
-        let recording = &family.recording;
-        let steps = recording.interval / delta_t;
-        if (steps - steps.round()).abs() > 1e-6 * steps || steps < 0.5 {
-            return Err(Error::Input(format!(
-                "the frames of family {} are {} s apart, which is {steps} of this run's time steps of {delta_t} s: expected a \
-                 whole number",
-                family.name, recording.interval
-            )));
-        }
-        Ok(format!(
-            "stretches\n{{\n    type            m4gnRecorder;\n    libs            (m4gnFoam);\n    fields          ({});\n    \
-             hybrid          stretches;\n    file            \"{}/{seed}-{index:04}-{name}.h5\";\n    overwrite       yes;\n    \
-             writeControl    timeStep;\n    writeInterval   {};\n\n{}}}\n",
-            recording.fields.join(" "),
-            stretches.display(),
-            steps.round(),
-            provenance(&origin(family, seed, index, draw)),
-        ))
-    }
-}
-
-/// Whether a file is the recording of a run whose files begin so, `BEGINTIME.h5`. The name of a variant may begin with that of another.
-fn is_stretch(name: &str, begin: &str) -> bool {
-    let time = name.strip_prefix(begin).and_then(|rest| rest.strip_suffix(".h5"));
-    time.is_some_and(|time| time.parse::<f64>().is_ok())
 }
 
 /// Whether a function object's entries have the dictionary `control`.
 fn controlled(entries: &str) -> bool {
     let mut words = entries.split(|c: char| c.is_whitespace() || "{};".contains(c));
     words.any(|word| word == "control")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::is_stretch;
-
-    #[test]
-    fn stretches_are_of_one_run() {
-        let names = ["7-0000-dmd-0.55.h5", "7-0000-dmd-loose-0.55.h5", "7-0000-dmd-0.55-killed.h5"];
-        assert_eq!(names.map(|name| is_stretch(name, "7-0000-dmd-")), [true, false, false]);
-    }
 }

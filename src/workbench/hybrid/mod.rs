@@ -49,8 +49,6 @@ pub struct Plan {
     pub variants: Vec<Variant>,
     /// Folder of the cases and results.
     pub folder: PathBuf,
-    /// Folder that the solver's stretches between the jumps of the hybrids are recorded to, for training.
-    pub stretches: Option<PathBuf>,
     /// Draws at once.
     pub jobs: usize,
     /// Whether case folders stay.
@@ -112,9 +110,7 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
     let settings = plan.schedule.settings(&plan.settings);
     let draws: Vec<Draw> =
         (0..plan.count).map(|index| plan.family.draw(plan.seed, index, &settings)).collect::<Result<_>>()?;
-    for folder in plan.stretches.iter().chain([&plan.folder]) {
-        plan.family.check_outside(folder)?;
-    }
+    plan.family.check_outside(&plan.folder)?;
     let mut libraries = Digest::default();
     let own = plan.schedule.libraries.iter().map(String::as_str);
     let remedy =
@@ -132,8 +128,7 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
     }
     // Before there are threads, and before anything is run that could not be compared.
     foam_bridge::load()?;
-    let folders = plan.stretches.iter().filter(|f| **f != plan.folder).chain([&plan.folder]);
-    let _locks = folders.map(|f| lock::folder(f)).collect::<Result<Vec<_>>>()?;
+    let _lock = lock::folder(&plan.folder)?;
     let comparing = Mutex::new(());
     let job = case::Job {
         plan,

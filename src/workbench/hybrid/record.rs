@@ -4,7 +4,7 @@ use super::score::Score;
 use m4gn_base::files;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// What a run took.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
@@ -28,16 +28,13 @@ pub struct RunRecord {
     pub score: Option<Score>,
     /// The whole comparison.
     pub comparison: Option<Value>,
-    /// Files of the solver's stretches that it has recorded: without one of them the run is made anew.
-    pub stretches: Vec<PathBuf>,
 }
 
 /// The record of a run that is finished and was made with this; none where it must be run.
 pub(super) fn kept(folder: &Path, name: &str, made_with: &str) -> Option<RunRecord> {
     let text = files::read(folder.join(format!("{name}.json"))).ok()?;
     let record: RunRecord = serde_json::from_slice(&text).ok()?;
-    let whole = record.made_with == made_with && record.stretches.iter().all(|f| f.is_file());
-    whole.then_some(record)
+    (record.made_with == made_with).then_some(record)
 }
 
 /// Removes a case, first the file that says it is whole.
