@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnCompletion.H"
+#include "m4gnCaseChecks.H"
 #include "m4gnCompletionType.H"
 #include "m4gnDictionary.H"
 #include "m4gnMechanicalProperties.H"
@@ -149,10 +150,16 @@ Foam::autoPtr<Foam::m4gnCompletion> Foam::m4gnCompletion::New(
     }
 
     if (fitting.empty()) {
-        FatalErrorInFunction << "mode replace does not know how this solver carries on from a"
-                             << " state. Expected" << nl << expected.str().c_str()
+        const word model(m4gn::solidModel(mesh));
+        FatalErrorInFunction << "mode replace does not know how "
+                             << (model.empty() ? "this solver" : "solidModel ") << model
+                             << " carries on from a state of a network. Expected" << nl
+                             << expected.str().c_str()
                              << "    Registered: " << session.nodes().registered().c_str() << ", "
-                             << m4gn::join(mesh.sortedNames<surfaceScalarField>()) << exit(FatalError);
+                             << m4gn::join(mesh.sortedNames<surfaceScalarField>()) << nl
+                             << "    Use one of these"
+                             << (m4gn::meshFollowsBody(mesh) ? "" : ", or surrogates (dmd)")
+                             << exit(FatalError);
     }
     if (fitting.size() > 1) {
         FatalErrorInFunction << "This solver carries on from several kinds of state: " << m4gn::join(fitting)

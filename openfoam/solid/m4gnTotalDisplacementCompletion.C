@@ -28,11 +28,7 @@ void Foam::m4gnTotalDisplacementCompletion::update()
 {
     followed_ = false;
     D().correctBoundaryConditions();
-    extrapolate(D());
-}
 
-void Foam::m4gnTotalDisplacementCompletion::extrapolate(const volVectorField& conditions)
-{
     const scalar size = max(gMax(mag(D().primitiveField())()), VSMALL);
     auto& boundary = D().boundaryFieldRef();
 
@@ -44,7 +40,7 @@ void Foam::m4gnTotalDisplacementCompletion::extrapolate(const volVectorField& co
             fvPatchVectorField& patch = boundary[patchi];
 
             // Of traction, and what derives from it
-            if (isA<fixedGradientFvPatchVectorField>(conditions.boundaryField()[patchi]) && patch.size()) {
+            if (isA<fixedGradientFvPatchVectorField>(patch) && patch.size()) {
                 const labelUList& cells = patch.patch().faceCells();
                 const vectorField extrapolated(
                     vectorField(D().primitiveField(), cells)
@@ -72,13 +68,6 @@ void Foam::m4gnTotalDisplacementCompletion::setVelocity()
     }
 }
 
-void Foam::m4gnTotalDisplacementCompletion::relax(const scalar deltaT, const bool handOver)
-{
-    if (leftAsPredicted(deltaT, handOver)) {
-        D().correctBoundaryConditions();
-    }
-}
-
 void Foam::m4gnTotalDisplacementCompletion::follow()
 {
     followed_ = law_ && law_->follow();
@@ -91,18 +80,12 @@ void Foam::m4gnTotalDisplacementCompletion::follow()
 
 void Foam::m4gnTotalDisplacementCompletion::refuseContact() const
 {
-    for (const word& name : {DName_, word("DD")}) {
-        const auto* field = mesh_.findObject<volVectorField>(name);
-        if (!field) {
-            continue;
-        }
-        for (const fvPatchVectorField& patch : field->boundaryField()) {
-            if (patch.type() == "solidContact") {
-                FatalErrorInFunction << "mode replace does not hand over the tractions that"
-                                     << " solidContact relaxes from corrector to corrector"
-                                     << " (patch " << patch.patch().name() << " of " << name << ')' << nl
-                                     << "    Use rigidCylinderContact, or mode observe" << exit(FatalError);
-            }
+    for (const fvPatchVectorField& patch : D().boundaryField()) {
+        if (patch.type() == "solidContact") {
+            FatalErrorInFunction << "mode replace does not hand over the tractions that"
+                                 << " solidContact relaxes from corrector to corrector"
+                                 << " (patch " << patch.patch().name() << " of " << DName_ << ')' << nl
+                                 << "    Use rigidCylinderContact, or mode observe" << exit(FatalError);
         }
     }
 }
@@ -142,7 +125,9 @@ bool Foam::m4gnTotalDisplacementCompletion::beforeStride()
 
 void Foam::m4gnTotalDisplacementCompletion::complete(const scalar deltaT, const bool handOver)
 {
-    relax(deltaT, handOver);
+    if (leftAsPredicted(deltaT, handOver)) {
+        D().correctBoundaryConditions();
+    }
 
     m4gnDisplacementCompletion::complete(deltaT, handOver);
 

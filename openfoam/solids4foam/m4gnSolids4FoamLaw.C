@@ -2,10 +2,8 @@
 
 #include "m4gnSolids4FoamLaw.H"
 #include "addToRunTimeSelectionTable.H"
-#include "fvc.H"
 #include "fvm.H"
 #include "lookupSolidModel.H"
-#include "m4gnSetFields.H"
 #include "m4gnSolidsBuild.H"
 #include "SHA1.H"
 #include <dlfcn.h>
@@ -20,8 +18,28 @@ addToRunTimeSelectionTable(m4gnSolidLaw, m4gnSolids4FoamLaw, mesh);
 namespace
 {
 using namespace Foam;
-using m4gn::set;
-using m4gn::setIfFound;
+
+//- Set a field and its boundary values; its old level has those of before
+template <class Type>
+void set(
+    GeometricField<Type, fvPatchField, volMesh>& field,
+    const tmp<GeometricField<Type, fvPatchField, volMesh>>& values)
+{
+    field.oldTime();
+    field == values;
+}
+
+//- Set a field, if it is there
+template <class Type>
+void setIfFound(
+    const fvMesh& mesh, const word& name, const tmp<GeometricField<Type, fvPatchField, volMesh>>& values)
+{
+    auto* field = mesh.getObjectPtr<GeometricField<Type, fvPatchField, volMesh>>(name);
+    if (field) {
+        set(*field, values);
+    }
+    values.clear();
+}
 
 //- Digest of the library that the solver has loaded, as CMake makes it
 string digest()
@@ -39,17 +57,6 @@ string digest()
     }
 
     return sha.str();
-}
-
-//- Set the old level of a strain to that of a body at rest, if it is there
-template <class Type> void setAtRest(const fvMesh& mesh, const word& name, const Type& value)
-{
-    typedef GeometricField<Type, fvPatchField, volMesh> fieldType;
-
-    auto* field = mesh.getObjectPtr<fieldType>(name);
-    if (field) {
-        field->oldTime() == dimensioned<Type>("rest", field->dimensions(), value);
-    }
 }
 
 } // End anonymous namespace
@@ -75,37 +82,6 @@ bool Foam::m4gnSolids4FoamLaw::solvesPressure() const
     }
 
     return false;
-}
-
-void Foam::m4gnSolids4FoamLaw::rest()
-{
-    solid_->D().oldTime() == dimensionedVector(dimLength, Zero);
-    solid_->gradD().oldTime() == dimensionedTensor(dimless, Zero);
-    setAtRest<symmTensor>(mesh_, "epsilon_", Zero);
-    setAtRest<tensor>(mesh_, "F_", tensor::I);
-}
-
-bool Foam::m4gnSolids4FoamLaw::asOneIncrement(const std::function<bool()>& action)
-{
-    solidModel& solid = *solid_;
-    if (!solid.incremental()) {
-        return action();
-    }
-
-    const volVectorField before("before", solid.D().oldTime());
-    if (!solid.movingMesh()) {
-        rest();
-    }
-    set(solid.DD(), solid.D() - solid.D().oldTime());
-
-    const bool done = action();
-
-    if (!solid.movingMesh()) {
-        solid.D().oldTime() == before;
-        set(solid.DD(), solid.D() - before);
-    }
-
-    return done;
 }
 
 Foam::scalar Foam::m4gnSolids4FoamLaw::strain()
@@ -170,7 +146,7 @@ bool Foam::m4gnSolids4FoamLaw::stress()
         volVectorField& u = solid_->solutionD();
         const fvVectorMatrix equation(
             fvm::d2dt2(const_cast<const solidModel&>(*solid_).rho(), u)
-            == fvm::laplacian(*impKf_, u, solid_->incremental() ? "laplacian(DDD,DD)" : "laplacian(DD,D)"));
+            == fvm::laplacian(*impKf_, u, "laplacian(DD,D)"));
         diagonal.reset(new volScalarField("DEqnA", equation.A()));
     }
 
@@ -208,7 +184,7 @@ bool Foam::m4gnSolids4FoamLaw::follow()
     solidModel& solid = *solid_;
     solid.enforceLinear() = false;
 
-    if (!asOneIncrement([&]() { return agree(); })) {
+    if (!agree()) {
         if (!warning_) {
             warning_ = true;
             WarningInFunction << "No boundary values were found with which the stress of the"
@@ -219,24 +195,13 @@ bool Foam::m4gnSolids4FoamLaw::follow()
         return false;
     }
 
-    if (solid.movingMesh()) {
-        solid.gradD() = fvc::grad(solid.D().oldTime() + solid.DD());
-        mechanical().interpolate(solid.DD(), solid.gradDD(), solid.pointDD());
-        solid.pointD() = solid.pointD().oldTime() + solid.pointDD();
-        return true;
-    }
-
-    if (!solid.incremental()) {
-        solid.DD() = solid.D() - solid.D().oldTime();
-        solid.gradDD() = solid.gradD() - solid.gradD().oldTime();
-    }
+    solid.DD() = solid.D() - solid.D().oldTime();
+    solid.gradDD() = solid.gradD() - solid.gradD().oldTime();
     solid.pointD().oldTime();
     mechanical().interpolate(solid.D(), solid.gradD(), solid.pointD());
     solid.pointDD() = solid.pointD() - solid.pointD().oldTime();
 
     return true;
 }
-
-void Foam::m4gnSolids4FoamLaw::move() { solid_->updateTotalFields(); }
 
 void Foam::m4gnSolids4FoamLaw::write() const { solid_->writeFields(mesh_.time()); }

@@ -78,26 +78,17 @@ bool Foam::m4gnSolids4FoamLaw::relax(const vectorField& free, const scalar durat
     solidModel& solid = *solid_;
     const solidModel& model = solid;
     volVectorField& u = solid.solutionD();
+    const volScalarField& rho = model.rho();
     const scalar size = max(gMax(mag(solid.D().primitiveField())()), VSMALL);
 
-    return asOneIncrement([&]() {
-        // Of the mesh that the increment begins from
-        volScalarField rho("rho", model.rho());
-        if (solid.movingMesh()) {
-            rho /= mesh_.lookupObject<volScalarField>("J").oldTime();
-        }
-        const volScalarField inertia("inertia", rho / sqr(dimensionedScalar("duration", dimTime, duration)));
-        volVectorField target("target", u);
-        target.primitiveFieldRef() = free;
-        if (solid.incremental()) {
-            target.primitiveFieldRef() -= solid.D().oldTime().primitiveField();
-        }
+    const volScalarField inertia("inertia", rho / sqr(dimensionedScalar("duration", dimTime, duration)));
+    volVectorField target("target", u);
+    target.primitiveFieldRef() = free;
 
-        return correct(
-                   [&]() { return fvm::Sp(inertia, u) - inertia * target - rho * model.g(); },
-                   [&]() { return tolerance * size; })
-               >= 0;
-    });
+    return correct(
+               [&]() { return fvm::Sp(inertia, u) - inertia * target - rho * model.g(); },
+               [&]() { return tolerance * size; })
+           >= 0;
 }
 
 Foam::label Foam::m4gnSolids4FoamLaw::step(const label most)

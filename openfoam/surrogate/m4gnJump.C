@@ -242,11 +242,10 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
                 m4gnClockwork::write(time_);
             }
 
-            const bool seen =
-                time_.writeTime()
-                || (completion_
-                    && (completion_->completeEach() || (answer.last_but_one && completion_->completeLastTwo())
-                        || (others_.size() && completion_->completeForOthers())));
+            const bool seen = time_.writeTime()
+                              || (completion_
+                                  && ((answer.last_but_one && completion_->completeLastTwo())
+                                      || (others_.size() && completion_->completeForOthers())));
             if (forModel ? last && !last_.handedOver : last || seen) {
                 complete(last);
             }

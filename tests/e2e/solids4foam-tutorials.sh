@@ -82,10 +82,10 @@ while read -r tutorial steps ahead limit text; do
     done
 done <<'EOD'
 linearElasticity/rigidCylinderContactBrick 8 1e-4 1e-3
-hyperelasticity/longWall 8 left:solvePressureEqn 1e-3
+hyperelasticity/longWall 8 left:solvePressureEqn refused does not know how solidModel nonLinearGeometryTotalLagrangian carries on
 hyperelasticity/rigidRotation/rotatingBlock 8 1e-4 1e-3
 hyperelasticity/cylindricalPressureVessel 8 left:solvePressureEqn 1e-3
 viscoelasticity/viscoTube 6 1e-4 refused does not hand over the history of the material
-linearElasticity/waveBar 8 left:explicitLinearGeometryTotalDisplacement refused does not know how this solver carries on
-elastoplasticity/cooksMembrane 16 1e-3 refused does not hand over the history of the material
+linearElasticity/waveBar 8 left:explicitLinearGeometryTotalDisplacement refused does not know how solidModel explicitLinearGeometryTotalDisplacement carries on
+elastoplasticity/cooksMembrane 16 1e-3 refused does not know how solidModel nonLinearGeometryUpdatedLagrangian carries on
 EOD
