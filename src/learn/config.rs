@@ -68,15 +68,12 @@ pub struct TrainingConfig {
     pub gradient_clip: f64,
     /// Decay of the running average of the weights that is validated and exported; 0: the weights themselves.
     pub ema_decay: f64,
-    /// Standard deviation of the noise on the cells' input fields, in the fields' units.
+    /// Standard deviation of the noise on the cells' input fields, in the fields' units. The wanted change takes it away (section 3.2;
+    /// Godwin et al. 2022).
     pub noise: BTreeMap<String, f64>,
     /// How many times smaller the noise of an example may be: its deviations are drawn between `noise / noise_spread` and `noise`,
     /// evenly in their logarithm. 1: all examples have `noise`. On the native backend.
     pub noise_spread: f64,
-    /// How much of the noise the target takes away, 0 to 1: a change is wanted from the state with this much less noise. 1: the
-    /// loss corrects noise wholly (section 3.2; Godwin et al. 2022). 0: the recorded change, whatever the noise. On the native
-    /// backend.
-    pub noise_correction: f64,
     /// Weight of each predicted field's loss; 1 where none is given.
     pub loss_weights: BTreeMap<String, f64>,
     /// How far trajectories of small changes weigh up to those of large ones in the loss: 0 not at all, so that fast flows
@@ -134,7 +131,6 @@ impl Default for TrainingConfig {
             ema_decay: 0.0,
             noise: BTreeMap::new(),
             noise_spread: 1.0,
-            noise_correction: 1.0,
             loss_weights: BTreeMap::new(),
             balance: 0.0,
             mirror: false,

@@ -33,14 +33,15 @@ impl NativeBackend<'_> {
         let (domain, base) = (&live.domain, &live.graph);
         let stride = self.work.frames_a_step;
         let frame = |step: usize| sample.state(example.frame + step * stride, example.mirror);
-        let (mut state, corrected) = self.start(sample, example)?;
+        let mut state = frame(0)?;
+        self.add_noise(sample, example.seed, &mut state);
         let (mut inputs, mut target) = (Vec::new(), Vec::new());
         let mut moments = None;
         let mut graph = live.at(&mut state)?;
         if batch.accumulate {
             let next = frame(1)?;
             domain.inputs(&state, &next, &mut inputs);
-            domain.target(corrected.as_ref().unwrap_or(&state), &next, &mut target);
+            domain.target(&state, &next, &mut target);
             let edges = graph.as_ref().map_or(base, |g| &g.0).edge_features();
             moments = Some(Normaliser::of_example(&self.spec, &inputs, edges, &target));
         }
@@ -63,8 +64,7 @@ impl NativeBackend<'_> {
             if step == 1 && batch.unroll > 1 && batch.unroll * self.network.kept(worker) > KEEP {
                 keep = 1;
             }
-            let from = corrected.as_ref().filter(|_| step == 1).unwrap_or(&state);
-            domain.target(from, &next, &mut target);
+            domain.target(&state, &next, &mut target);
             d_outputs.push(self.loss(live, scales, [&outputs, &target], (batch.unroll, share), &mut losses));
             let new = match step < batch.unroll {
                 true => {
@@ -184,19 +184,6 @@ impl NativeBackend<'_> {
             *loss += share * sum / (unroll * cells * n) as f64;
         }
         d
-    }
-
-    /// The state that an example starts from, its frame with noise, and the one that its first target is measured from, where
-    /// that is another: with what is left of the noise where it is not corrected wholly.
-    fn start(&self, sample: &Sample, example: &Example) -> Result<(Vec<f32>, Option<Vec<f32>>)> {
-        let part = self.noise_correction;
-        let mut state = sample.state(example.frame, example.mirror)?;
-        let clean = (part < 1.0).then(|| state.clone());
-        self.add_noise(sample, example.seed, &mut state);
-        let corrected = clean.map(|clean| {
-            clean.iter().zip(&state).map(|(clean, noisy)| clean + part * (noisy - clean)).collect()
-        });
-        Ok((state, corrected))
     }
 
     /// By how much the noise of an example is smaller than it may be. Where all have the same, no number is drawn: those of a seed are

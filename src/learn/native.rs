@@ -69,8 +69,6 @@ pub struct NativeBackend<'a> {
     pub(crate) noise: Vec<f64>,
     /// How many times smaller it may be in an example.
     pub(crate) noise_spread: f64,
-    /// How much of the noise the target takes away.
-    pub(crate) noise_correction: f32,
     /// First output, number of outputs, and weight of the loss of each predicted field.
     pub(crate) groups: Vec<(usize, usize, f64)>,
     /// Of the training's products, and of its rollouts': the phase of a long rollout holds for one precision alone.
@@ -99,7 +97,6 @@ impl<'a> NativeBackend<'a> {
             network,
             noise: t.noise_of(spec, &components),
             noise_spread: t.noise_spread,
-            noise_correction: t.noise_correction as f32,
             groups: t.groups(spec, &components),
             precision: t.precision,
             spec: spec.clone(),

@@ -215,7 +215,6 @@ impl Config {
             ("betas", t.betas[1], DECAY),
             ("gradient_clip", t.gradient_clip, NORM),
             ("noise_spread", t.noise_spread, SPREAD),
-            ("noise_correction", t.noise_correction, SHARE),
             ("balance", t.balance, SHARE),
         ];
         for (key, value, (fits, expected)) in numbers.into_iter().chain(rates).chain(minutes) {

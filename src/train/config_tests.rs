@@ -107,7 +107,6 @@ fn each_wrong_value_is_named() {
         ("{ U = 0.02 }", "{ p = 0.02 }", "training.noise.p"),
         ("[training]", "[training]\nema_decay = 1.0", "training.ema_decay"),
         ("[training]", "[training]\nnoise_spread = 0.5", "training.noise_spread"),
-        ("[training]", "[training]\nnoise_correction = 1.5", "training.noise_correction"),
         (" steps = 10\n", " steps = 0\n", "training.steps"),
         ("[training]", "[training]\nvalidation_rollouts = 0", "training.validation_rollouts"),
         (

@@ -21,15 +21,14 @@ pub struct TorchBackend {
 impl TorchBackend {
     /// For a data set in memory.
     ///
-    /// Errors: [`m4gn_base::Error::Input`] for noise of several sizes or that is not corrected; [`m4gn_base::Error::Model`] for a graph that the model does not know.
+    /// Errors: [`m4gn_base::Error::Input`] for noise of several sizes; [`m4gn_base::Error::Model`] for a graph that the model does not know.
     pub fn new(task: &Task, device: Device) -> Result<Self> {
         let t = task.training;
-        for (key, found) in [("noise_spread", t.noise_spread), ("noise_correction", t.noise_correction)] {
-            if found != 1.0 {
-                return Err(Error::Input(format!(
-                    "training.{key}: found {found}, and libtorch knows 1 alone; use --backend native, or leave it out"
-                )));
-            }
+        if t.noise_spread != 1.0 {
+            return Err(Error::Input(format!(
+                "training.noise_spread: found {}, and libtorch knows 1 alone; use --backend native, or leave it out",
+                t.noise_spread
+            )));
         }
         // One libtorch thread a worker: graphs are small, and the order of sums stays the same.
         tch::set_num_threads(1);
