@@ -5,7 +5,7 @@
 
 #include "m4gnDictionary.H"
 #include "m4gnElasticBody.H"
-#include "m4gnMeshAdapter.H"
+#include "m4gnNodes.H"
 #include "m4gnNodeTypes.H"
 
 #include <string>
@@ -54,11 +54,11 @@ void m4gn::FoamCase::set_node_types(const rust::Vec<rust::String>& keys, const r
     time.setTime(Foam::instant(time.startTime().value(), data_->start_name()), 0);
     data_->forget();
 
-    const Foam::m4gnNodeTypes nodes(
+    const Foam::m4gnNodeTypes kinds(
         *data_->mesh, dict, dict.lookupOrDefault<Foam::word>("U", "U"),
         dict.lookupOrDefault<Foam::word>("p", "p"), dict.lookupOrDefault<Foam::word>("D", "D"));
-    data_->adapter.reset();
-    data_->adapter.reset(new Foam::m4gnMeshAdapter(*data_->mesh, nodes.types()));
+    data_->nodes.reset();
+    data_->nodes.reset(new Foam::m4gnNodes(*data_->mesh, kinds.types()));
 
     const Foam::dictionary own(dict.subOrEmptyDict("segments"));
     const Foam::word D(dict.lookupOrDefault<Foam::word>("D", "D"));
@@ -67,10 +67,10 @@ void m4gn::FoamCase::set_node_types(const rust::Vec<rust::String>& keys, const r
         && Foam::m4gnElasticBody::describe(*data_->mesh, D) == Foam::m4gnElasticBody::displacement();
     data_->body.reset();
     if (own.lookupOrDefault<Foam::word>("operator", possible ? "elastic" : "laplacian") == "elastic") {
-        data_->body.reset(new Foam::m4gnElasticBody(*data_->mesh, own, nodes.types()));
+        data_->body.reset(new Foam::m4gnElasticBody(*data_->mesh, own, kinds.types()));
     }
 }
 
-const m4gn_mesh_data* m4gn::FoamCase::mesh() const { return &data_->adapter->data(); }
+const m4gn_mesh_data* m4gn::FoamCase::mesh() const { return &data_->nodes->data(); }
 
 const m4gn_solid* m4gn::FoamCase::body() const { return data_->body ? &data_->body->data() : nullptr; }

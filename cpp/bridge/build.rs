@@ -23,7 +23,6 @@ const SOURCES: &[&str] = &[
     "FoamSolids.C",
     "FoamMesh.C",
     "FoamWrite.C",
-    "../../openfoam/case/m4gnMeshAdapter.C",
     "../../openfoam/case/m4gnNodes.C",
     "../../openfoam/case/m4gnNodeTypes.C",
     "../../openfoam/case/m4gnDictionary.C",

@@ -4,14 +4,12 @@
 #include "m4gn.h"
 #include "m4gnDictionary.H"
 #include "m4gnNodes.H"
-#include "pointFields.H"
 #include "volFields.H"
 #include "directionMixedFvPatchFields.H"
 #include "mixedFvPatchFields.H"
 #include "surfaceFields.H"
 #include "StringStream.H"
 #include "emptyFvPatch.H"
-#include "fixedValuePointPatchFields.H"
 #include "slipFvPatchFields.H"
 #include "symmetryFvPatch.H"
 #include "symmetryPlaneFvPatch.H"
@@ -93,7 +91,7 @@ static label through(const fvPatchVectorField& pU, const surfaceScalarField* phi
 
 Foam::label Foam::m4gnNodeTypes::guess(
     const fvPatch& patch, const volVectorField* U, const volScalarField* p, const volVectorField* D,
-    const pointVectorField* pointD, const surfaceScalarField* phi, string& why)
+    const surfaceScalarField* phi, string& why)
 {
     const bool symmetric = isA<symmetryFvPatch>(patch) || isA<symmetryPlaneFvPatch>(patch);
 
@@ -103,14 +101,6 @@ Foam::label Foam::m4gnNodeTypes::guess(
         why = symmetric ? why : string(D->name() + ' ' + D->boundaryField()[patch.index()].type());
 
         return symmetric ? M4GN_SYMMETRY : fixes(D->boundaryField()[patch.index()]) ? M4GN_HANDLE : M4GN_FREE;
-    }
-
-    if (pointD) {
-        why = symmetric ? why : string(pointD->name() + ' ' + pointD->boundaryField()[patch.index()].type());
-
-        return symmetric                                                                      ? M4GN_SYMMETRY
-               : isA<fixedValuePointPatchVectorField>(pointD->boundaryField()[patch.index()]) ? M4GN_HANDLE
-                                                                                              : M4GN_FREE;
     }
 
     if (isA<wallFvPatch>(patch)) {
@@ -184,9 +174,6 @@ Foam::m4gnNodeTypes::m4gnNodeTypes(
         D = DD;
     }
 
-    autoPtr<pointVectorField> storedPointD;
-    const pointVectorField* pointD = m4gnNodes::find(mesh, displacementName, storedPointD);
-
     autoPtr<surfaceScalarField> storedPhi;
     const surfaceScalarField* phi = m4gnNodes::find(mesh, dict.getOrDefault<word>("phi", "phi"), storedPhi);
 
@@ -223,7 +210,7 @@ Foam::m4gnNodeTypes::m4gnNodeTypes(
         }
 
         if (type < 0) {
-            type = guess(patch, U, p, D, pointD, phi, why_[patchi]);
+            type = guess(patch, U, p, D, phi, why_[patchi]);
         }
 
         if (type < 0 && !handles(patch)) {

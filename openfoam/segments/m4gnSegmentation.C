@@ -3,7 +3,7 @@
 #include "m4gnSegmentation.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
-#include "m4gnMeshAdapter.H"
+#include "m4gnNodes.H"
 #include "m4gnSegmentField.H"
 #include "m4gnStoredSegments.H"
 #include "m4gnCaseChecks.H"
@@ -33,7 +33,7 @@ void Foam::m4gnSegmentation::compute(const m4gnModel* model, const dictionary& d
             types[patchi] = M4GN_WALL;
         }
     }
-    m4gnMeshAdapter adapter(mesh_, types);
+    m4gnNodes nodes(mesh_, types);
 
     dictionary used(dict);
     if (!computed()) {
@@ -47,7 +47,7 @@ void Foam::m4gnSegmentation::compute(const m4gnModel* model, const dictionary& d
     if (modal && m4gnElasticModes::wanted(mesh_, dict, needed)) {
         const label nModes(dict.getOrDefault<label>("modes", needed > 0 ? needed : -1));
         elastic_.reset(new m4gnElasticModes(mesh_, dict, nModes));
-        adapter.setModes(elastic_->eigenvalues(), elastic_->cells());
+        nodes.setModes(elastic_->eigenvalues(), elastic_->cells());
     }
     used.set("operator", word(elastic_ ? "elastic" : "laplacian"));
 
@@ -58,7 +58,7 @@ void Foam::m4gnSegmentation::compute(const m4gnModel* model, const dictionary& d
 
     m4gn::check(
         m4gn_segments_new(
-            m4gn::communicator(), &adapter.data(), model ? model->handle() : nullptr, settings.c_str(),
+            m4gn::communicator(), &nodes.data(), model ? model->handle() : nullptr, settings.c_str(),
             computed()      ? nullptr
             : cells_.size() ? cells_.cdata()
                             : &none,

@@ -210,7 +210,7 @@ bool Foam::m4gnStoredSegments::use(const m4gnModel* model, const std::string& op
         }
 
         // The marks of a mesh are of its cells alone, and redistributePar has
-        // meshes without patches: no m4gnMeshAdapter
+        // meshes without patches: no m4gnNodes
         std::vector<int64_t> numbers(mesh_.nCells());
         const globalIndex consecutive(mesh_.nCells());
         forAll(cells_, celli) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "testing.H"
-#include "m4gnMeshAdapter.H"
+#include "m4gnNodes.H"
 #include "m4gnNodeTypes.H"
 #include "surfaceFields.H"
 #include "volFields.H"
@@ -55,7 +55,7 @@ TEST(cellsOfABlock)
     caseFolder run;
     // Cells of 0.5 x 1 x 2
     const autoPtr<fvMesh> mesh(run.block({2, 1, 1}, {1, 1, 2}, allPatches));
-    const m4gnMeshAdapter nodes(*mesh, labelList(6, M4GN_WALL));
+    const m4gnNodes nodes(*mesh, labelList(6, M4GN_WALL));
     const m4gn_mesh_data& data = nodes.data();
 
     EXPECT(data.n_directions == 3 && data.n_cells == 2 && data.n_faces == 1);
@@ -75,7 +75,7 @@ TEST(emptyPatchesHaveNoNodes)
     caseFolder run;
     const autoPtr<fvMesh> mesh(
         run.block({3, 2, 1}, {3, 2, 1}, {"patch", "patch", "wall", "wall", "empty", "empty"}));
-    const m4gnMeshAdapter nodes(*mesh, labelList(6, M4GN_WALL));
+    const m4gnNodes nodes(*mesh, labelList(6, M4GN_WALL));
     const m4gn_mesh_data& data = nodes.data();
 
     EXPECT(data.n_directions == 2 && data.directions[0] == 0 && data.directions[1] == 1);
@@ -87,7 +87,7 @@ TEST(aFieldOfCellsIsGatheredAndImposed)
 {
     caseFolder run;
     const autoPtr<fvMesh> mesh(run.block({2, 1, 1}, {2, 1, 1}, allPatches));
-    const m4gnMeshAdapter nodes(*mesh, labelList(6, M4GN_WALL));
+    const m4gnNodes nodes(*mesh, labelList(6, M4GN_WALL));
     auto U = field<vector>(*mesh, "U", wordList(6, "calculated"));
     U->primitiveFieldRef()[1] = vector(1, 2, 3);
     U->boundaryFieldRef()[1] = vector(4, 5, 6);
@@ -113,7 +113,7 @@ TEST(aFoldedCellIsRefused)
         p.x() = p.x() == 1 ? 2.5 : p.x();
     }
     mesh->movePoints(points);
-    EXPECT_REFUSED(m4gnMeshAdapter(*mesh, labelList(6, M4GN_WALL)), "inverted");
+    EXPECT_REFUSED(m4gnNodes(*mesh, labelList(6, M4GN_WALL)), "inverted");
 }
 
 TEST(walls)

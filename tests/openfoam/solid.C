@@ -3,7 +3,7 @@
 #include "testing.H"
 #include "m4gnElasticBody.H"
 #include "m4gnFieldSet.H"
-#include "m4gnMeshAdapter.H"
+#include "m4gnNodes.H"
 #include "volFields.H"
 
 using testing::caseFolder;
@@ -55,7 +55,7 @@ TEST(fieldsThatNoSolverRegisters)
     // As controlDict that is edited has it: of the next time step
     run.time().setDeltaT(0.4, false);
 
-    const m4gnMeshAdapter nodes(*mesh, labelList(6, M4GN_FREE));
+    const m4gnNodes nodes(*mesh, labelList(6, M4GN_FREE));
     m4gnFieldSet fields(*mesh, {"cellSize", "deltaT", "nu", "ddt(D)"});
     fields.gather(nodes);
     const std::vector<const double*> values(fields.cells());

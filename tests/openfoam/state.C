@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "testing.H"
-#include "m4gnMeshAdapter.H"
+#include "m4gnNodes.H"
 #include "m4gnState.H"
 #include "surfaceFields.H"
 #include "volFields.H"
@@ -75,7 +75,7 @@ TEST(rolesOfAWholeState)
 TEST(rolesOfANetworksState)
 {
     fixture f;
-    const m4gnMeshAdapter nodes(*f.mesh, labelList(6, M4GN_WALL));
+    const m4gnNodes nodes(*f.mesh, labelList(6, M4GN_WALL));
     const m4gnState state(*f.mesh, wordHashSet(), false, true, &nodes, {"U", "T", "cellSize"}, {"U"});
     EXPECT_TEXT(state.fields().first(), "T");
     EXPECT(state.arrays()[find(state, "U", M4GN_CELLS)].role == M4GN_SOLVED);
@@ -89,7 +89,7 @@ TEST(rolesOfANetworksState)
 TEST(theTimeStepIsNoInputOfAFit)
 {
     fixture f;
-    const m4gnMeshAdapter nodes(*f.mesh, labelList(6, M4GN_WALL));
+    const m4gnNodes nodes(*f.mesh, labelList(6, M4GN_WALL));
     m4gnState state(*f.mesh, wordHashSet(), true, false, &nodes, {"U", "deltaT"}, {"U"});
     const label deltaT = find(state, "deltaT", M4GN_CELLS);
     EXPECT(state.arrays()[deltaT].role == M4GN_CARRIED);
@@ -100,7 +100,7 @@ TEST(theTimeStepIsNoInputOfAFit)
 TEST(facesThatHoldTheirValues)
 {
     fixture f;
-    const m4gnMeshAdapter nodes(*f.mesh, labelList(6, M4GN_WALL));
+    const m4gnNodes nodes(*f.mesh, labelList(6, M4GN_WALL));
     m4gnState state(*f.mesh, wordHashSet(), false, true, &nodes, {"U"}, {"U"});
     const double* held = state.gather()[find(state, "U", M4GN_BOUNDARY, M4GN_HELD)];
     // One face at the left and at the right, two below and above
@@ -170,7 +170,7 @@ TEST(patchesThatCarryValuesComeFirst)
 TEST(whatANetworkPredictsIsImposed)
 {
     fixture f;
-    const m4gnMeshAdapter nodes(*f.mesh, labelList(6, M4GN_WALL));
+    const m4gnNodes nodes(*f.mesh, labelList(6, M4GN_WALL));
     m4gnState state(*f.mesh, wordHashSet(), false, false, &nodes, {"U", "T"}, {"U"});
     const label U = find(state, "U", M4GN_CELLS);
     for (label i = 0; i < 6; ++i) {
@@ -193,7 +193,7 @@ TEST(whatIsPrescribedIsKnownBeforehand)
     f.T.clear();
     f.T.reset(new volScalarField(
         IOobject("T", f.run.time().timeName(), *f.mesh, IOobject::MUST_READ, IOobject::AUTO_WRITE), *f.mesh));
-    const m4gnMeshAdapter nodes(*f.mesh, labelList(6, M4GN_WALL));
+    const m4gnNodes nodes(*f.mesh, labelList(6, M4GN_WALL));
     m4gnState state(*f.mesh, wordHashSet(), true, false, &nodes, {}, {"p"});
     const label table = find(state, "T at left", M4GN_FACES);
     EXPECT(state.arrays()[table].role == M4GN_PRESCRIBED && !state.places()[table]);
