@@ -188,12 +188,10 @@ typedef struct m4gn_mesh_data
 /* Where an array has its values. */
 enum
 {
-    M4GN_CELLS = 0,    /* the nodes of a solver with its unknowns in cells */
-    M4GN_POINTS = 1,   /* the nodes of a solver with its unknowns at mesh points */
-    M4GN_FACES = 2,    /* internal faces, or any other items */
-    M4GN_BOUNDARY = 3, /* boundary faces: first those of m4gn_mesh_data, in their order; others may follow */
-    M4GN_OBSTACLE_POINTS =
-        4 /* points of a body's obstacle, whole on each rank; those of the first rank count */
+    M4GN_CELLS = 0,   /* the nodes of a solver with its unknowns in cells */
+    M4GN_POINTS = 1,  /* the nodes of a solver with its unknowns at mesh points */
+    M4GN_FACES = 2,   /* internal faces, or any other items */
+    M4GN_BOUNDARY = 3 /* boundary faces: first those of m4gn_mesh_data, in their order; others may follow */
 };
 
 /* What an array is to a surrogate. */
@@ -217,7 +215,7 @@ enum
 typedef struct m4gn_array
 {
     const char* name;   /* unique among the arrays of its place and role */
-    int32_t place;      /* M4GN_CELLS ... M4GN_OBSTACLE_POINTS */
+    int32_t place;      /* M4GN_CELLS ... M4GN_BOUNDARY */
     int32_t role;       /* M4GN_SOLVED ... M4GN_HELD */
     int32_t components; /* numbers an item */
     int32_t

@@ -41,8 +41,7 @@ pub(super) unsafe fn layout(arrays: *const ArrayData, n: i32) -> Result<Layout> 
             1 => Place::Points,
             2 => Place::Faces,
             3 => Place::Boundary,
-            4 => Place::Obstacle,
-            n => return Err(bad("place", n.into(), "M4GN_CELLS to M4GN_OBSTACLE_POINTS")),
+            n => return Err(bad("place", n.into(), "M4GN_CELLS to M4GN_BOUNDARY")),
         };
         let role = match given.role {
             0 => Role::Solved,

@@ -56,12 +56,12 @@ impl DmdSurrogate {
 
 impl Ride<'_> {
     /// What the prescribed arrays will be a time from now on, s, where this surrogate has to know: a fit in a jump or with inputs, which is told
-    /// of the times before as well, and any beside an obstacle. Collective.
+    /// of the times before as well. Collective.
     pub(crate) fn ahead(&mut self, candidate: usize, jumps: bool, later: f64) -> Result<Option<Values>> {
         let surrogate = &mut self.candidates[candidate].surrogate;
         let asked = surrogate.fits().map_or(Vec::new(), |fits| fits.asks(later));
         let wanted = jumps && surrogate.fits().is_some() || !asked.is_empty();
-        let wanted = self.layout.is_prescribed() && (wanted || self.layout.obstacle().is_some());
+        let wanted = wanted && self.layout.is_prescribed();
         let Some(ahead) = self.ahead.as_mut().filter(|_| wanted) else {
             return Ok(None);
         };

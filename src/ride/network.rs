@@ -22,8 +22,6 @@ pub struct Network<S> {
     description: Description,
     inputs: Vec<Input>,
     outputs: Vec<(String, usize)>,
-    /// Displacements of a body's obstacle.
-    obstacle: Option<usize>,
 }
 
 impl<S: DerefMut<Target = Session>> Network<S> {
@@ -85,8 +83,7 @@ impl<S: DerefMut<Target = Session>> Network<S> {
         let digest = model.to_bytes()?.iter().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
             (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
         });
-        let obstacle = layout.obstacle();
-        let reads = inputs.iter().flat_map(|i| [Some(i.nodes), i.boundary]).chain([obstacle]).flatten();
+        let reads = inputs.iter().flat_map(|i| [Some(i.nodes), i.boundary]).flatten();
         let description = Description {
             name: "network".into(),
             source,
@@ -99,7 +96,7 @@ impl<S: DerefMut<Target = Session>> Network<S> {
             segments: (session.n_segments(), session.cell_segment().to_vec()),
             note: String::new(),
         };
-        Ok(Network { session, description, inputs, outputs, obstacle })
+        Ok(Network { session, description, inputs, outputs })
     }
 }
 
@@ -109,11 +106,6 @@ impl<S: DerefMut<Target = Session>> Surrogate for Network<S> {
     }
 
     fn predict(&mut self, start: Start, next: &mut Values) -> Result<()> {
-        if let Some(obstacle) = self.obstacle {
-            let ahead = start.ahead.unwrap_or(start.state);
-            let rows = |values: &Values| values[obstacle].as_chunks::<3>().0.to_vec();
-            self.session.set_obstacle(&rows(start.state), &rows(ahead))?;
-        }
         let n_boundary = self.session.n_boundary();
         let field = |i: &'_ Input| {
             let boundary = i.boundary.map_or(&[][..], |b| &start.state[b][..i.components * n_boundary]);

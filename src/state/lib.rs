@@ -16,8 +16,6 @@ pub enum Place {
     Faces,
     /// Boundary faces: first those of the mesh that carry values, in its order.
     Boundary,
-    /// Points of a body's obstacle, whole on each rank.
-    Obstacle,
 }
 
 /// What an array is to a surrogate.
@@ -197,11 +195,6 @@ impl Layout {
         self.arrays.iter().position(|a| a.name == name && a.role == Role::Held)
     }
 
-    /// Displacements of the obstacle's points.
-    pub fn obstacle(&self) -> Option<usize> {
-        self.arrays.iter().position(|a| a.place == Place::Obstacle)
-    }
-
     /// Whether the host knows some of them beforehand.
     pub fn is_prescribed(&self) -> bool {
         self.arrays.iter().any(|a| a.role == Role::Prescribed)
@@ -265,7 +258,7 @@ mod tests {
             (Some(0), Some(1), Some(2))
         );
         assert_eq!((layout.at_nodes("phi"), layout.measured(), layout.rows()), (None, vec![0, 3], Some(4)));
-        assert!(!layout.is_prescribed() && layout.obstacle().is_none());
+        assert!(!layout.is_prescribed());
         let (u, b) = ([0.0; 12], [0.0; 3]);
         layout.check(&[&u, &b, &b, &u[..4]]).unwrap();
         let short = layout.check(&[&u, &b, &b, &b]).unwrap_err().to_string();

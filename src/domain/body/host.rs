@@ -84,7 +84,8 @@ impl BodyHost {
             Some(motion) => Ok(motion),
             None if self.obstacle.is_none() => Ok([Vec::new(), Vec::new()]),
             None => Err(Error::Input(
-                "the obstacle's motion in this step is not known: give it before every step (m4gn_session_set_obstacle)"
+                "the obstacle's motion in this step is not known: give it with every step (boundary of m4gn_session_step); a ride \
+                 knows no obstacle"
                     .into(),
             )),
         };
