@@ -4,7 +4,7 @@ use super::pointers;
 use m4gn_base::{Error, Result};
 use m4gn_parallel::Comm;
 use m4gn_ride::{Description, Growth, Start, Surrogate};
-use m4gn_state::{Layout, Role, Values};
+use m4gn_state::{Layout, Values};
 use std::ffi::{c_char, c_void};
 
 /// A step of a host's surrogate.
@@ -70,7 +70,7 @@ impl UserSurrogate {
             source: name.to_string(),
             digest: format!("{name} {:?} {names:?}", given.stride),
             stride: given.stride,
-            reads: (0..layout.arrays().len()).filter(|&i| layout.arrays()[i].role != Role::Held).collect(),
+            reads: (0..layout.arrays().len()).collect(),
             growth: vec![Growth::Unknown; advances.len()],
             advances,
             ..Description::default()

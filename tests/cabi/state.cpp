@@ -12,7 +12,7 @@ const std::string model = std::string(M4GN_TEST_DATA) + "/small.safetensors";
 int32_t grow(void* data, const double* const* state, double* const* next)
 {
     const int nCells = *static_cast<const int*>(data);
-    REQUIRE(!next[0] && !next[2] && !next[3]);
+    REQUIRE(!next[0] && !next[2] && !next[3] && !next[4] && state[4][0] == 7);
     for (int c = 0; c < nCells; ++c) {
         REQUIRE(next[1][c] == state[1][c]);
         next[1][c] += 1;
@@ -29,8 +29,11 @@ void ridesOnItsOwn()
     int nCells = mesh.nCells();
     const char* names[] = {"p"};
     m4gn_surrogate own{"growth", 0.01, 1, names, grow, &nCells};
+    std::vector<double> held(fields.pBoundary.size(), 7);
     const auto ride = [&] {
-        const m4gn::Host host{fields.state(mesh), nullptr, &own, &mesh.data, {}};
+        m4gn::State state = fields.state(mesh);
+        state.add("p", M4GN_BOUNDARY, M4GN_HELD, 1, held);
+        const m4gn::Host host{state, nullptr, &own, &mesh.data, {}};
         return m4gn::Ride(
             M4GN_NO_MPI, host, R"({"mode": "replace", "solver_steps": 1, "surrogate_steps": 3})", at(0));
     };
