@@ -116,3 +116,10 @@ rm -rf constant/polyMesh && mv 0 0.orig
 check 0 .
 says 'made ready by blockMesh' 'handed over *D'
 [ ! -e constant/polyMesh ] && [ ! -e 0 ] || fail "the case is not what it was"
+
+# By its script, with a file that a command names; lines that are no such commands are told
+mkdir geometry && mv system/blockMeshDict geometry/blocks
+# shellcheck disable=SC2016  # not of this shell
+printf '%s\n' 'runApplication blockMesh -dict geometry/blocks' 'touch made' 'runApplication $(getApplication)' > Allrun
+check 0 .
+says 'made ready by blockMesh -dict geometry/blocks; lines of its script that were left out: touch made'

@@ -81,7 +81,7 @@ impl Copy {
         };
         named.follow(taken)?;
         copy.find_own(tools)?;
-        copy.complete(tools)?;
+        copy.complete(&mut named, tools)?;
         Ok(copy)
     }
 
@@ -138,8 +138,8 @@ impl Copy {
     }
 
     /// Makes what a run needs and the case does not have yet: the first fields of a tutorial, and a mesh, by the commands of its `Allrun.pre`
-    /// and its `Allrun` before the solver, else by `blockMesh`.
-    fn complete(&mut self, tools: &Surroundings) -> Result<()> {
+    /// and its `Allrun` before the solver, else by `blockMesh`. Files that the commands name come along.
+    fn complete(&mut self, named: &mut Named, tools: &Surroundings) -> Result<()> {
         let at = |name: &str| self.folder.join(name);
         if !at("0").exists() && at("0.orig").is_dir() && self.ranks == 0 {
             fs::rename(at("0.orig"), at("0")).map_err(|e| Error::file(at("0"), e.to_string()))?;
@@ -152,12 +152,21 @@ impl Copy {
         let stays = |c: &Vec<String>| !c.iter().any(|word| word.contains("..") || word.starts_with('/'));
         let read = |name: &str| files::read_text(self.original.join(name)).unwrap_or_default();
         let script = ["Allrun.pre", "Allrun"].map(read).join("\n");
-        let mut commands = of_script(&script, &self.application).prepare;
-        commands.retain(stays);
+        let script = of_script(&script, &self.application);
+        let (mut commands, outside): (Vec<_>, Vec<_>) = script.prepare.into_iter().partition(stays);
+        let lines: Vec<String> = commands.iter().map(|c| c.join(" ")).collect();
+        let copies = named.take(std::slice::from_ref(&lines.join("\n")))?;
+        named.follow(copies)?;
+        let others: Vec<String> =
+            script.unknown.into_iter().chain(outside.iter().map(|c| c.join(" "))).collect();
+        let others = match others.is_empty() {
+            true => String::new(),
+            false => format!("; lines of its script that were left out: {}", others.join(" | ")),
+        };
         if commands.is_empty() {
             if !BLOCK_MESH.iter().any(|f| at(f).is_file()) {
                 let what = "it has no mesh, and no blockMeshDict: make its mesh first, as for a run (its Allrun, or Allrun.pre)";
-                self.notes.push(what.into());
+                self.notes.push(what.to_string() + &others);
                 return Ok(());
             }
             commands = vec![vec!["blockMesh".into()]];
@@ -168,12 +177,12 @@ impl Copy {
                 let said = self.in_words_of_the_case(&log::words(&excerpt(&log), &e));
                 return Err(Error::file(
                     &self.original,
-                    format!("{} makes no mesh of it: {said}", command.join(" ")),
+                    format!("{} makes no mesh of it: {said}{others}", command.join(" ")),
                 ));
             }
         }
         let names: Vec<String> = commands.iter().map(|c| c.join(" ")).collect();
-        self.notes.push(format!("made ready by {}", names.join(", ")));
+        self.notes.push(format!("made ready by {}{others}", names.join(", ")));
         Ok(())
     }
 
@@ -237,15 +246,22 @@ impl Named {
         while let Some(path) = paths.pop() {
             let mut texts = Vec::new();
             read_all(&path, &mut texts);
-            let is_named = |name: &str| texts.iter().any(|t| mentions(t, name));
-            let (named, others): (Vec<_>, Vec<_>) = self.0.drain(..).partition(|(.., name)| is_named(name));
-            self.0 = others;
-            for (from, to, _) in named.into_iter().filter(|(_, to, _)| !to.exists()) {
-                copy_all(&from, &to)?;
-                paths.push(to);
-            }
+            paths.extend(self.take(&texts)?);
         }
         Ok(())
+    }
+
+    /// Copies what these texts name. Returns the copies.
+    fn take(&mut self, texts: &[String]) -> Result<Vec<PathBuf>> {
+        let is_named = |name: &str| texts.iter().any(|t| mentions(t, name));
+        let (named, others): (Vec<_>, Vec<_>) = self.0.drain(..).partition(|(.., name)| is_named(name));
+        self.0 = others;
+        let mut copies = Vec::new();
+        for (from, to, _) in named.into_iter().filter(|(_, to, _)| !to.exists()) {
+            copy_all(&from, &to)?;
+            copies.push(to);
+        }
+        Ok(copies)
     }
 }
 
