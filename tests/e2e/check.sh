@@ -123,3 +123,8 @@ mkdir geometry && mv system/blockMeshDict geometry/blocks
 printf '%s\n' 'runApplication blockMesh -dict geometry/blocks' 'touch made' 'runApplication $(getApplication)' > Allrun
 check 0 .
 says 'made ready by blockMesh -dict geometry/blocks; lines of its script that were left out: touch made'
+# The script takes them when it has made the mesh
+# shellcheck disable=SC2016  # not of this shell
+printf '%s\n' 'runApplication blockMesh -dict geometry/blocks' 'restore0Dir' 'runApplication $(getApplication)' > Allrun
+check 0 .
+says 'made ready by blockMesh -dict geometry/blocks, cp -rT 0.orig 0'

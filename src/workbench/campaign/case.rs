@@ -4,6 +4,7 @@ use super::settings::{Quantity, Settings, Statistic};
 use super::table::{Row, Table};
 use crate::digest::Digest;
 use crate::generate::process::Surroundings;
+use crate::user_case::script::ORIGINAL;
 use crate::user_case::{LEFT_OUT, copy_all, entry, function_objects, header, names, time, times};
 use m4gn_base::{Error, Result, files};
 use serde::{Deserialize, Serialize};
@@ -203,8 +204,10 @@ impl Source {
             copy_all(&self.folder.join(&name), &copy.join(&name))?;
         }
         let first = copy.join(self.start.to_string());
-        if !first.exists() && copy.join("0.orig").is_dir() {
-            copy_all(&copy.join("0.orig"), &first)?;
+        // Commands that take them do so when the mesh has all patches that they name
+        let later = settings.prepare.iter().flatten().any(|word| word == ORIGINAL);
+        if !later && !first.exists() && copy.join(ORIGINAL).is_dir() {
+            copy_all(&copy.join(ORIGINAL), &first)?;
         }
         write(&copy.join(PARAMETERS), parameters)?;
         let (control, own) = (copy.join("system/controlDict"), copy.join("system").join(CONTROL));
@@ -400,6 +403,19 @@ mod tests {
             of(&settings(), &table, false).differs(&before).unwrap(),
             "0/U of the case, 0/p of the case"
         );
+    }
+
+    #[test]
+    fn first_fields_are_there_unless_a_command_takes_them() {
+        let (_dir, source) = source(&["0.orig/U", "system/controlDict"]);
+        let copies = tempfile::tempdir().unwrap();
+        let mut s = settings();
+        for there in [true, false] {
+            let copy = copies.path().join(there.to_string());
+            source.copy(&copy, &s, "", false).unwrap();
+            assert_eq!(copy.join("0/U").exists(), there);
+            s.prepare = vec![["cp", "-rT", ORIGINAL, "0"].map(String::from).into()];
+        }
     }
 
     #[test]

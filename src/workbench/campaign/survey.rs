@@ -3,7 +3,7 @@
 use super::case::{PARAMETERS, Source};
 use super::sampling::{Parameter, Values};
 use super::table::number;
-use crate::user_case::script::{Commands, of_script};
+use crate::user_case::script::{Commands, ORIGINAL, of_script};
 use crate::user_case::{BLOCK_MESH, has_mesh, mentions};
 use m4gn_base::{Error, Result, files};
 use std::path::Path;
@@ -21,7 +21,7 @@ pub fn commands(source: &Source, parameters: &[Parameter]) -> Commands {
         return Commands { prepare: vec![vec!["./Allrun.pre".into()]], ..Commands::default() };
     }
     if let Ok(script) = files::read_text(at("Allrun")) {
-        return of_script(&script, &source.application);
+        return of_script(&script, &source.application, at(ORIGINAL).is_dir());
     }
     let texts = BLOCK_MESH.iter().filter_map(|f| files::read_text(at(f)).ok());
     let mut prepare = Vec::new();

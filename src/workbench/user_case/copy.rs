@@ -1,6 +1,6 @@
 //! A copy of a case that its solver can run in. No path in it leads out of it, so that nothing that runs there can write into the user's files.
 
-use super::script::of_script;
+use super::script::{ORIGINAL, of_script};
 use super::{
     BLOCK_MESH, LEFT_OUT, copy_all, entry, function_objects, has_mesh, header, log, mentions, names,
     read_all, time,
@@ -141,35 +141,41 @@ impl Copy {
     /// and its `Allrun` before the solver, else by `blockMesh`. Files that the commands name come along.
     fn complete(&mut self, named: &mut Named, tools: &Surroundings) -> Result<()> {
         let at = |name: &str| self.folder.join(name);
-        if !at("0").exists() && at("0.orig").is_dir() && self.ranks == 0 {
-            fs::rename(at("0.orig"), at("0")).map_err(|e| Error::file(at("0"), e.to_string()))?;
+        let made = self.ranks == 0 && !has_mesh(&self.folder);
+        let (mut commands, mut others) = (Vec::new(), String::new());
+        if made {
+            // What a path may lead to lies in the copy.
+            let stays = |c: &Vec<String>| !c.iter().any(|word| word.contains("..") || word.starts_with('/'));
+            let read = |name: &str| files::read_text(self.original.join(name)).unwrap_or_default();
+            let script = ["Allrun.pre", "Allrun"].map(read).join("\n");
+            let script = of_script(&script, &self.application, at(ORIGINAL).is_dir());
+            let (own, outside): (Vec<_>, Vec<_>) = script.prepare.into_iter().partition(stays);
+            let lines: Vec<String> = own.iter().map(|c| c.join(" ")).collect();
+            let copies = named.take(std::slice::from_ref(&lines.join("\n")))?;
+            named.follow(copies)?;
+            let left: Vec<String> =
+                script.unknown.into_iter().chain(outside.iter().map(|c| c.join(" "))).collect();
+            if !left.is_empty() {
+                others = format!("; lines of its script that were left out: {}", left.join(" | "));
+            }
+            commands = own;
+        }
+        // A script takes them when the mesh has all patches that they name
+        let later = commands.iter().flatten().any(|word| word == ORIGINAL);
+        if self.ranks == 0 && !later && !at("0").exists() && at(ORIGINAL).is_dir() {
+            copy_all(&at(ORIGINAL), &at("0"))?;
             self.notes.push("0.orig is taken for 0".into());
         }
-        if self.ranks > 0 || has_mesh(&self.folder) {
+        if !made {
             return Ok(());
         }
-        // What a path may lead to lies in the copy.
-        let stays = |c: &Vec<String>| !c.iter().any(|word| word.contains("..") || word.starts_with('/'));
-        let read = |name: &str| files::read_text(self.original.join(name)).unwrap_or_default();
-        let script = ["Allrun.pre", "Allrun"].map(read).join("\n");
-        let script = of_script(&script, &self.application);
-        let (mut commands, outside): (Vec<_>, Vec<_>) = script.prepare.into_iter().partition(stays);
-        let lines: Vec<String> = commands.iter().map(|c| c.join(" ")).collect();
-        let copies = named.take(std::slice::from_ref(&lines.join("\n")))?;
-        named.follow(copies)?;
-        let others: Vec<String> =
-            script.unknown.into_iter().chain(outside.iter().map(|c| c.join(" "))).collect();
-        let others = match others.is_empty() {
-            true => String::new(),
-            false => format!("; lines of its script that were left out: {}", others.join(" | ")),
-        };
-        if commands.is_empty() {
+        if commands.iter().all(|c| c[0] == "cp") {
             if !BLOCK_MESH.iter().any(|f| at(f).is_file()) {
                 let what = "it has no mesh, and no blockMeshDict: make its mesh first, as for a run (its Allrun, or Allrun.pre)";
                 self.notes.push(what.to_string() + &others);
                 return Ok(());
             }
-            commands = vec![vec!["blockMesh".into()]];
+            commands.push(vec!["blockMesh".into()]);
         }
         for command in &commands {
             if let Err(e) = tools.run(&self.folder, command) {

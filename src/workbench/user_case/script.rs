@@ -12,11 +12,13 @@ pub(crate) struct Commands {
 }
 
 /// Lines of a tutorial's script that are not commands for a run.
-const OF_SCRIPTS: [&str; 9] =
-    ["#", "cd ", "cd\t", ". ", "source ", "application=", "restore0Dir", "set ", "exit"];
+const OF_SCRIPTS: [&str; 8] = ["#", "cd ", "cd\t", ". ", "source ", "application=", "set ", "exit"];
 
-/// The commands of a script up to the solver `application`.
-pub(crate) fn of_script(script: &str, application: &str) -> Commands {
+/// First fields of a case that are kept for its start.
+pub(crate) const ORIGINAL: &str = "0.orig";
+
+/// The commands of a script up to the solver `application`. `original`: whether the case has [`ORIGINAL`], without which restore0Dir does nothing.
+pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Commands {
     let mut found = Commands::default();
     // A line that goes on is one
     for line in script.replace("\\\n", " ").lines().map(str::trim) {
@@ -24,6 +26,12 @@ pub(crate) fn of_script(script: &str, application: &str) -> Commands {
         let mut words: Vec<&str> =
             all.iter().map(String::as_str).take_while(|w| !w.starts_with(['#', '>'])).collect();
         let Some(&first) = words.first() else { continue };
+        if first == "restore0Dir" {
+            if original {
+                found.prepare.push(["cp", "-rT", ORIGINAL, "0"].map(String::from).into());
+            }
+            continue;
+        }
         let copies = ["cp", "\\cp"].contains(&first) && words.len() > 2;
         if copies && !line.contains(['$', '*', ';', '|', '&', '(', '"', '\'', '>', '{']) {
             found.prepare.push(["cp"].iter().chain(&words[1..]).map(|w| w.to_string()).collect());
@@ -87,15 +95,20 @@ mod tests {
         let script = "#!/bin/sh\ncd ${0%/*} || exit 1\n. $WM_PROJECT_DIR/bin/tools/RunFunctions\n\nrestore0Dir\nrunApplication blockMesh\n\\cp a b\nmv a b\n\
                       runApplication -s 1 topoSet -dict system/a # cells\nrunApplication decomposePar\nrunParallel $(getApplication)\nrunApplication \
                       reconstructPar\n";
-        let found = of_script(script, "icoFoam");
+        let found = of_script(script, "icoFoam", true);
         let expected: Vec<Vec<String>> = vec![
+            ["cp", "-rT", "0.orig", "0"].map(String::from).into(),
             vec!["blockMesh".into()],
             ["cp", "a", "b"].map(String::from).into(),
             vec!["topoSet".into(), "-dict".into(), "system/a".into()],
         ];
         assert_eq!(found, Commands { prepare: expected, parallel: true, unknown: vec!["mv a b".into()] });
-        let quoted = of_script("runApplication transformPoints \\\n    -scale '(2 1 1)' # m\n", "icoFoam");
+        let quoted = of_script(
+            "restore0Dir\nrunApplication transformPoints \\\n    -scale '(2 1 1)' # m\n",
+            "icoFoam",
+            false,
+        );
         assert_eq!(quoted.prepare, [["transformPoints", "-scale", "(2 1 1)"]]);
-        assert!(!of_script("runApplication icoFoam\nrunApplication foamToVTK\n", "icoFoam").parallel);
+        assert!(!of_script("runApplication icoFoam\nrunApplication foamToVTK\n", "icoFoam", true).parallel);
     }
 }
