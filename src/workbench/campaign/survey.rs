@@ -13,15 +13,19 @@ const LONGEST: u64 = 1 << 20;
 /// Most lines that are shown.
 const SHOWN: usize = 12;
 
-/// The commands that come before the solver: of `Allrun.pre`, else of the lines of `Allrun` in the form of OpenFOAM's tutorials and those that copy
-/// files, else `blockMesh` where the case has its dictionary and no mesh, or one that depends on a parameter.
+/// The commands that come before the solver: `Allrun.pre`, and the lines of `Allrun` in the form of OpenFOAM's tutorials and those that copy files;
+/// without either, `blockMesh` where the case has its dictionary and no mesh, or one that depends on a parameter.
 pub fn commands(source: &Source, parameters: &[Parameter]) -> Commands {
     let at = |name: &str| source.folder.join(name);
+    let script = files::read_text(at("Allrun"))
+        .map(|script| of_script(&script, &source.application, at(ORIGINAL).is_dir()));
     if at("Allrun.pre").is_file() {
-        return Commands { prepare: vec![vec!["./Allrun.pre".into()]], ..Commands::default() };
+        let mut found = script.unwrap_or_default();
+        found.prepare.insert(0, vec!["./Allrun.pre".into()]);
+        return found;
     }
-    if let Ok(script) = files::read_text(at("Allrun")) {
-        return of_script(&script, &source.application, at(ORIGINAL).is_dir());
+    if let Ok(script) = script {
+        return script;
     }
     let texts = BLOCK_MESH.iter().filter_map(|f| files::read_text(at(f)).ok());
     let mut prepare = Vec::new();
@@ -123,8 +127,12 @@ mod tests {
 
     #[test]
     fn commands_are_those_of_the_case_s_scripts() {
-        let (_dir, own) = source(&[("Allrun.pre", ""), ("Allrun", "runApplication blockMesh")]);
-        assert_eq!(commands(&own, &[]).prepare, [["./Allrun.pre"]]);
+        let script =
+            "./Allrun.pre\nrunApplication setFields\nrunApplication decomposePar\nrunParallel icoFoam\n";
+        let (_dir, own) = source(&[("Allrun.pre", ""), ("Allrun", script)]);
+        let found = commands(&own, &[]);
+        assert_eq!(found.prepare, [["./Allrun.pre"], ["setFields"]]);
+        assert!(found.parallel && found.unknown.is_empty(), "{found:?}");
         let (_dir, block) = source(&[("system/blockMeshDict", "$n"), ("constant/polyMesh/faces", "")]);
         assert!(commands(&block, &[]).prepare.is_empty());
         assert_eq!(commands(&block, &["n=1,2".parse().unwrap()]).prepare, [["blockMesh"]]);

@@ -12,7 +12,8 @@ pub(crate) struct Commands {
 }
 
 /// Lines of a tutorial's script that are not commands for a run.
-const OF_SCRIPTS: [&str; 8] = ["#", "cd ", "cd\t", ". ", "source ", "application=", "set ", "exit"];
+const OF_SCRIPTS: [&str; 9] =
+    ["#", "cd ", "cd\t", ". ", "source ", "application=", "set ", "exit", "./Allrun.pre"];
 
 /// First fields of a case that are kept for its start.
 pub(crate) const ORIGINAL: &str = "0.orig";
