@@ -93,7 +93,8 @@ rust::Vec<double> m4gn::FoamCase::force(rust::Str patch, std::size_t time)
     const Foam::IOdictionary transport(Foam::IOobject(
         "transportProperties", data_->time.constant(), *data_->mesh, Foam::IOobject::MUST_READ,
         Foam::IOobject::NO_WRITE, false));
-    const Foam::dimensionedScalar nu("nu", Foam::dimViscosity, transport);
+    // The solver stores that of a fluid that is not Newtonian
+    const bool stored = transport.lookupOrDefault<Foam::word>("transportModel", "Newtonian") != "Newtonian";
 
     // The scheme's own gradient: no entry of fvSchemes is needed, and boundary gradients are corrected.
     const Foam::tmp<Foam::volTensorField> gradient(
@@ -101,12 +102,21 @@ rust::Vec<double> m4gn::FoamCase::force(rust::Str patch, std::size_t time)
     const Foam::tensorField& gradU = gradient().boundaryField()[i];
     const Foam::scalarField& pressure = p.boundaryField()[i];
     const Foam::vectorField& area = data_->mesh->Sf().boundaryField()[i];
+    Foam::scalarField viscosity(area.size(), Foam::Zero);
+    if (stored) {
+        viscosity = data_->read(data_->scalars, "nu").boundaryField()[i];
+    } else {
+        viscosity = Foam::dimensionedScalar("nu", Foam::dimViscosity, transport).value();
+    }
+    if (data_->is<Foam::volScalarField>("nut")) {
+        viscosity += data_->read(data_->scalars, "nut").boundaryField()[i];
+    }
 
     // Sf points out of the fluid, into the body.
     Foam::vector sums[2] = {Foam::Zero, Foam::Zero};
     forAll(area, face) {
         sums[0] += pressure[face] * area[face];
-        sums[1] -= nu.value() * (area[face] & Foam::dev(Foam::twoSymm(gradU[face])));
+        sums[1] -= viscosity[face] * (area[face] & Foam::dev(Foam::twoSymm(gradU[face])));
     }
     rust::Vec<double> result;
     for (const Foam::vector& sum : sums) {

@@ -56,11 +56,12 @@ pub fn cube(case: &Path, closed: bool, sides: &str) {
     put(case, "constant/polyMesh/boundary", "polyBoundaryMesh", &patches);
 }
 
-/// Writes p, T, U, D, sigma or F at a time.
+/// Writes p, T, nu, nut, U, D, sigma or F at a time.
 pub fn field(case: &Path, time: &str, name: &str, cells: [&str; 2], boundary: &str) {
     let (class, kind, dimensions) = match name {
         "p" => ("volScalarField", "scalar", "[0 2 -2 0 0 0 0]"),
         "T" => ("volScalarField", "scalar", "[0 0 0 1 0 0 0]"),
+        "nu" | "nut" => ("volScalarField", "scalar", "[0 2 -1 0 0 0 0]"),
         "D" => ("volVectorField", "vector", "[0 1 0 0 0 0 0]"),
         "sigma" => ("volSymmTensorField", "symmTensor", "[1 -1 -2 0 0 0 0]"),
         "F" => ("volTensorField", "tensor", "[0 0 0 0 0 0 0]"),

@@ -87,7 +87,7 @@ pub struct Polygons {
 pub struct Force {
     /// Sum of p S.
     pub pressure: [f64; 3],
-    /// Sum of -S . nu dev(twoSymm(grad U)), as `functionObjects::forces`.
+    /// Sum of -S . (nu + nut) dev(twoSymm(grad U)), as `functionObjects::forces`.
     pub viscous: [f64; 3],
 }
 
@@ -179,7 +179,8 @@ impl FoamCase {
         Ok(triples(&self.finite(values, name, time)?))
     }
 
-    /// Force on a patch at time number `time`, from the stored p and U and `nu` of `transportProperties`.
+    /// Force on a patch at time number `time`, from the stored p and U, `nu` of `transportProperties`, or as it is stored where the fluid is not
+    /// Newtonian, and the stored `nut`.
     pub fn force(&mut self, patch: &str, time: usize) -> Result<Force> {
         let values = self.handle.query(&json!({ "query": "force", "patch": patch, "time": time }))?;
         let values = triples(&self.finite(values, &format!("force on {patch}"), time)?);
