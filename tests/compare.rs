@@ -175,6 +175,26 @@ fn the_tables_of_function_objects_are_weighed_by_time() {
     );
 }
 
+/// A cylinder whose forces cannot be known, as the viscosity is not.
+#[test]
+fn a_patch_that_nobody_names_keeps_nothing_from_being_compared() {
+    let (dir, a, b) = two_runs();
+    let json = dir.path().join("c.json").to_str().unwrap().to_string();
+    for case in [&a, &b].map(Path::new) {
+        for file in ["constant/polyMesh/boundary", "1/U", "2/U", "3/U", "1/p", "2/p", "3/p"] {
+            let text = fs::read_to_string(case.join(file)).unwrap();
+            fs::write(case.join(file), text.replace("body", "cylinder")).unwrap();
+        }
+        fs::remove_file(case.join("constant/transportProperties")).unwrap();
+    }
+    let run = m4gn(&["compare", &a, &b, "--json", &json]);
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let text = String::from_utf8_lossy(&run.stdout);
+    assert!(text.contains("no forces on patch cylinder: ") && text.contains("transportProperties"), "{text}");
+    assert!(figures(&json)["drag_a"].is_null());
+    assert!(!m4gn(&["compare", &a, &b, "--patch", "cylinder"]).status.success());
+}
+
 /// As in `m4gn compare A B | head -1`.
 #[test]
 fn a_reader_of_one_line_is_no_error() {

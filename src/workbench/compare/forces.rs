@@ -29,7 +29,7 @@ pub struct Reference {
 }
 
 /// The patch that is taken without being named.
-const DEFAULT_PATCH: &str = "cylinder";
+pub(super) const DEFAULT_PATCH: &str = "cylinder";
 
 impl Reference {
     /// Reference values of the full run at time number `time`; none where there is no patch to look at.
@@ -47,8 +47,7 @@ impl Reference {
         let names: Vec<&str> = description.patches.iter().map(|p| p.name.as_str()).collect();
         let velocity = inlet_velocity(case, time)?.ok_or_else(|| {
             Error::Input(format!(
-                "no fluid enters {} through any of its patches ({}) at {} s, so drag has no direction. Without forces: \
-                 name no patch, and call none {DEFAULT_PATCH}",
+                "no fluid enters {} through any of its patches ({}) at {} s, so drag has no direction",
                 description.path,
                 names.join(", "),
                 description.times[time]

@@ -82,6 +82,9 @@ pub struct Comparison {
     /// Drag and lift of a flow; none: no forces were compared.
     #[serde(flatten)]
     pub forces: Option<Forces>,
+    /// Why there are none of a patch that is looked at without being named.
+    #[serde(skip)]
+    pub no_forces: Option<String>,
     /// Motion of a solid; none of a flow.
     #[serde(flatten)]
     pub motion: Option<Motion>,
@@ -133,10 +136,17 @@ pub fn compare(
     let takeover = a.description().times[hold.0];
     let times: Vec<f64> = pairs.iter().map(|p| a.description().times[p.0]).collect();
 
-    let mut forces = match solid {
-        true => None,
-        false => Reference::find(a, options, hold.0)?.map(Forces::new),
+    let not_asked = |e| match (&options.patch, e) {
+        (None, Error::Input(why)) => Ok(why),
+        (_, e) => Err(e),
     };
+    let (mut forces, mut no_forces) = (None, None);
+    if !solid {
+        match Reference::find(a, options, hold.0) {
+            Ok(found) => forces = found.map(Forces::new),
+            Err(e) => no_forces = Some(not_asked(e)?),
+        }
+    }
     let mut reaction = match &options.patch {
         Some(patch) if solid => {
             let jumps = surrogate.as_ref().map_or(Vec::new(), |s| s.jumps.clone());
@@ -157,8 +167,10 @@ pub fn compare(
             let other = mapping.scalar(b.scalar_field(name, j)?);
             track.add(&a.scalar_field(name, i)?, &other);
         }
-        if let Some(forces) = &mut forces {
-            forces.add(a, b, (i, j))?;
+        if let Some(found) = &mut forces
+            && let Err(e) = found.add(a, b, (i, j))
+        {
+            (forces, no_forces) = (None, Some(not_asked(e)?));
         }
         if let Some(reaction) = &mut reaction {
             reaction.add(a, b, (i, j))?;
@@ -202,6 +214,7 @@ pub fn compare(
         headline,
         fields: others.iter().map(|(n, t)| (n.to_string(), t.finish())).collect(),
         forces,
+        no_forces,
         phase_free,
         probes: tables::probes([a.description(), b.description()], [takeover, f64::INFINITY]),
         motion,

@@ -1,5 +1,6 @@
 //! The comparison as tables and as a page with charts and pictures.
 
+use super::forces::DEFAULT_PATCH;
 use super::{Comparison, tables};
 use crate::errors::FieldErrors;
 use crate::foam_case::Polygons;
@@ -108,6 +109,7 @@ impl Comparison {
             )
         }));
         notes.extend(self.forces.iter().flat_map(|f| f.notes(&self.times)));
+        notes.extend(self.no_forces.iter().map(|why| format!("no forces on patch {DEFAULT_PATCH}: {why}")));
         notes
     }
 
