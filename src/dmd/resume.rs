@@ -59,11 +59,11 @@ impl OnlineDmd {
         if !self.snapshots.entries.is_empty() {
             return Err(Error::Input("dmd: a state is restored before the first snapshot".into()));
         }
-        let Some(&last) = state.kept.last() else {
+        if state.kept.is_empty() {
             self.settings.interval = state.grid.map_or(self.settings.interval, |grid| grid.interval);
             self.state = state;
             return Ok(Restored::Whole);
-        };
+        }
         let there = numbers(path);
         let superseded = !there.contains(&state.file) && there.iter().any(|n| *n > state.file);
         let mut anywhere = [i64::from(!superseded)];
@@ -73,7 +73,7 @@ impl OnlineDmd {
             return Ok(Restored::Superseded);
         }
         let (mut found, mut said) = (None, String::new());
-        match Store::read(path, state.file, &self.snapshots, last) {
+        match Store::read(path, state.file, &self.snapshots, &state.kept) {
             Ok(stored) => {
                 if !stored.damage.is_empty() {
                     said = format!("{}: {}; it and what follows are dropped", path.display(), stored.damage);

@@ -86,11 +86,12 @@ impl Store {
         Ok(self)
     }
 
-    /// Reads the snapshots up to `last` of a run with the same fields in the file of this number. What comes after damage is dropped.
+    /// Reads those of the snapshots with the numbers `kept`, ascending, of a run with the same fields that are in the file of this number. What
+    /// comes after damage is dropped.
     ///
     /// # Errors
     /// [`Error::File`] where there is none, or it is of other fields.
-    pub fn read(base: &Path, number: u64, snapshots: &Snapshots, last: i64) -> Result<Stored> {
+    pub fn read(base: &Path, number: u64, snapshots: &Snapshots, kept: &[i64]) -> Result<Stored> {
         let path = &file(base, number);
         let bad = |what: String| Error::file(path, what);
         let mut file = files::check_plain(path)
@@ -116,6 +117,7 @@ impl Store {
             return Err(bad("its reference state is not as long as the fields".into()));
         }
         let mut store = Store { path: path.clone(), number, end: 8 + found, records: 0, last: i64::MIN };
+        let last = kept.last().copied().unwrap_or(i64::MIN);
         let (mut entries, mut damage) = (Vec::new(), String::new());
         loop {
             match next(&mut file, longest) {
@@ -125,7 +127,8 @@ impl Store {
                     Some(e) => {
                         (store.last, store.end) = (e.number, store.end + length);
                         store.records += 1;
-                        entries.push(e);
+                        // The file has several windows
+                        entries.extend(kept.binary_search(&e.number).is_ok().then_some(e));
                     }
                     None => damage = format!("record {} is none of this run", store.records + 1),
                 },
