@@ -561,9 +561,9 @@ int32_t m4gn_ride_conditions(m4gn_ride* ride, const char* conditions);
 /* Collective. One file, which the first rank writes and reads: a ride that takes it up, on a host that has the state of that time, goes
  * on as the uninterrupted one. What was fitted and measured under other conditions is dropped, the log names what has changed, and the
  * action is M4GN_RIDE_SOLVE. To be saved where the table above says so. The action of load is M4GN_RIDE_SOLVE, M4GN_RIDE_STRIDE
- * where strides of a jump are left, or M4GN_RIDE_HAND_BACK where the state is one that was handed back already. On another number of
- * ranks it works as well. M4GN_ERROR_FILE for a file that is damaged (it has a checksum) or of another mesh or time,
- * M4GN_ERROR_MODEL for one of another model: the ride then begins anew. */
+ * where strides of a jump are left, or M4GN_RIDE_HAND_BACK where the state is one that was handed back already. A network goes on on
+ * another number of ranks. M4GN_ERROR_INPUT where states of dmd are missing, as they are there; M4GN_ERROR_FILE for a file that is damaged
+ * (it has a checksum) or of another mesh or time, M4GN_ERROR_MODEL for one of another model: the ride then begins anew. */
 int32_t m4gn_ride_save(m4gn_ride* ride, const char* path);
 int32_t m4gn_ride_load(
     m4gn_ride* ride, const char* path, const m4gn_ride_step* now, const double* const* state,

@@ -99,8 +99,11 @@ impl Ride<'_> {
     /// Collective; all ranks fail together.
     ///
     /// # Errors
-    /// [`Error::File`]; what was there before then stays.
+    /// [`Error::Input`] between a stride and [`advanced`](Self::advanced); [`Error::File`]; what was there before then stays.
     pub fn save(&self, path: &Path) -> Result<()> {
+        if matches!(self.phase, Phase::Advancing(_)) {
+            return Err(self.out_of_turn("save"));
+        }
         let mut parts = Vec::new();
         let mut surrogates = Vec::new();
         for candidate in &self.candidates {
@@ -222,6 +225,7 @@ impl Ride<'_> {
         }
         let changed = self.conditions.changed(&found.conditions);
         self.comm.agree_with(Ok(()), &changed)?;
+        let step = Step { delta_t: if found.left < 0 { step.delta_t } else { found.delta_t }, ..step };
         let at = Resumed { step: &step, state, solves: found.left < 0, holds: changed.is_empty() };
         let mut holds = vec![at.holds; self.candidates.len()];
         let pairs = self.candidates.iter_mut().zip(&found.surrogates).zip(&mut holds);
@@ -269,11 +273,11 @@ impl Ride<'_> {
             self.log.text += &format!(", written by {} ranks", found.ranks);
         }
         self.log.text += "\n\n";
-        if ended || !at.holds {
-            self.step = step;
+        let solves = ended || !at.holds;
+        self.step = step;
+        if solves {
             return Ok(self.answer(Action::Solve));
         }
-        self.step = Step { delta_t: if found.left < 0 { step.delta_t } else { found.delta_t }, ..step };
         if found.left < 0 {
             // The run that was stopped here let no jump begin that went past its end.
             let answer = self.begun();

@@ -191,6 +191,10 @@ fn calls_out_of_turn_are_refused_by_name() {
         error(r.load(std::path::Path::new("none"), step(1.0), &state).unwrap_err())
             .contains("before the first step")
     );
+    let mut next = given.clone();
+    r.stride(&mut next.iter_mut().map(Vec::as_mut_slice).collect::<Vec<_>>()).unwrap();
+    let early = error(r.save(std::path::Path::new("none")).unwrap_err());
+    assert!(early.contains("save was called where advanced is due"), "{early}");
 }
 
 #[test]
