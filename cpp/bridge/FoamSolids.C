@@ -3,9 +3,9 @@
 
 #include "FoamData.H"
 
-#include "IFstream.H"
 #include "IOdictionary.H"
 #include "leastSquaresGrad.H"
+#include "m4gnSegmentField.H"
 #include "m4gnStaleNote.H"
 
 namespace
@@ -33,13 +33,7 @@ Foam::dictionary m4gn::FoamCase::Data::solid_properties() const
 bool m4gn::FoamCase::Data::up_to_date(const Foam::word& name) const
 {
     const auto marked = [&](const Foam::fileName& file) {
-        if (!Foam::isFile(file)) {
-            return false;
-        }
-        Foam::IOobject io(
-            name, time.timeName(), time, Foam::IOobject::MUST_READ, Foam::IOobject::NO_WRITE, false);
-        Foam::IFstream is(file);
-        return io.readHeader(is) && io.note().find(Foam::m4gn::staleNote) == 0;
+        return Foam::m4gn::noteOf(time, file).find(Foam::m4gn::staleNote) == 0;
     };
     // reconstructPar does not take notes over: the first processor's file says what that of the whole case does not
     return Foam::isFile(stored_time().timePath() / name) && !marked(time.timePath() / name)

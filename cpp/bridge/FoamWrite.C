@@ -3,7 +3,6 @@
 
 #include "FoamData.H"
 
-#include "IFstream.H"
 #include "OFstream.H"
 #include "OSspecific.H"
 #include "localIOdictionary.H"
@@ -12,17 +11,9 @@
 
 rust::String m4gn::FoamCase::start_note(rust::Str name) const
 {
-    Foam::IOobject io(
-        std::string(name.data(), name.size()), data_->start_name(), *data_->mesh,
-        Foam::IOobject::READ_IF_PRESENT, Foam::IOobject::NO_WRITE, false);
-    const Foam::fileName file(data_->time.path() / io.instance() / io.name());
-    if (!Foam::isFile(file)) {
-        return "";
-    }
-    // A file without a header, or without a note in it, is somebody's.
-    Foam::IFstream is(file);
-    const bool read = io.readHeader(is);
-    return read && io.note().size() ? rust::String(std::string(io.note())) : rust::String("unknown");
+    const Foam::fileName file(
+        data_->time.path() / data_->start_name() / Foam::word(std::string(name.data(), name.size())));
+    return rust::String(std::string(Foam::m4gn::noteOf(data_->time, file)));
 }
 
 void m4gn::FoamCase::remove_start_field(rust::Str name) const
