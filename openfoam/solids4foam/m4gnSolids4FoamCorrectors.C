@@ -3,6 +3,7 @@
 #include "m4gnSolids4FoamLaw.H"
 #include "fvc.H"
 #include "fvm.H"
+#include "m4gnExplicitStress.H"
 #include "m4gnMixing.H"
 #include "m4gnVersion.H"
 #include "solidModel.H"
@@ -107,13 +108,7 @@ bool Foam::m4gnSolids4FoamLaw::take(
         const volVectorField::Boundary before(boundary);
         evaluateBoundary(tractions(true));
 
-        scalar change = 0;
-        forAll(boundary, patchi) {
-            if (boundary[patchi].size()) {
-                change = max(change, max(mag(boundary[patchi] - before[patchi])));
-            }
-        }
-        reduce(change, maxOp<scalar>());
+        const scalar change = m4gnExplicitStress::change(before, u);
         first = max(first, change);
         if (sweep && change <= max(tolerance, conditionTolerance * first)) {
             break;

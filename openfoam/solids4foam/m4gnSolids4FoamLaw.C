@@ -4,6 +4,7 @@
 #include "addToRunTimeSelectionTable.H"
 #include "fvm.H"
 #include "lookupSolidModel.H"
+#include "m4gnMechanicalProperties.H"
 #include "m4gnSolidsBuild.H"
 #include "SHA1.H"
 #include <dlfcn.h>
@@ -67,14 +68,9 @@ Foam::mechanicalModel& Foam::m4gnSolids4FoamLaw::mechanical()
     return const_cast<mechanicalModel&>(const_cast<const solidModel&>(*solid_).mechanical());
 }
 
-Foam::PtrList<Foam::entry> Foam::m4gnSolids4FoamLaw::laws() const
-{
-    return PtrList<entry>(mesh_.lookupObject<IOdictionary>("mechanicalProperties").lookup("mechanical"));
-}
-
 bool Foam::m4gnSolids4FoamLaw::solvesPressure() const
 {
-    const PtrList<entry> all(laws());
+    const PtrList<entry> all(m4gnMechanicalProperties(mesh_).materials());
     for (const entry& law : all) {
         if (law.isDict() && law.dict().getOrDefault<bool>("solvePressureEqn", false)) {
             return true;
@@ -115,11 +111,11 @@ Foam::scalar Foam::m4gnSolids4FoamLaw::strain()
         setIfFound(mesh_, "relF", tmp<volTensorField>(1.0 * relF));
         setIfFound(mesh_, "relJ", tmp<volScalarField>(1.0 * relJ));
 
-        const scalar smallest = min(gMin(relJ.primitiveField()), min(relJ).value());
+        const scalar smallest = min(relJ).value();
         if (smallest > SMALL) {
             setIfFound(mesh_, "relFinv", inv(relF));
         }
-        return returnReduce(smallest, minOp<scalar>());
+        return smallest;
     }
 
     set(*F, one + solid.gradD().T());

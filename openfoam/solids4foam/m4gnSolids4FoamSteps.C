@@ -5,6 +5,7 @@
 #include "fvc.H"
 #include "fvm.H"
 #include "m4gnDictionary.H"
+#include "m4gnMechanicalProperties.H"
 #include "solidModel.H"
 #include "zeroGradientFvPatchFields.H"
 
@@ -29,8 +30,9 @@ Foam::string Foam::m4gnSolids4FoamLaw::cannotCorrect() const
         return "a law has solvePressureEqn, whose pressure is no unknown of the correctors; needed:"
                " solvePressureEqn no";
     }
-    if (laws().size() != 1) {
-        return Foam::name(laws().size())
+    const label nMaterials = m4gnMechanicalProperties(mesh_).materials().size();
+    if (nMaterials != 1) {
+        return Foam::name(nMaterials)
                + " materials, whose interface keeps the stress of the corrector before; needed: one";
     }
 
