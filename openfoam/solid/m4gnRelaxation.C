@@ -2,7 +2,6 @@
 
 #include "m4gnRelaxation.H"
 #include "m4gnDictionary.H"
-#include "m4gnCaseChecks.H"
 #include "Time.H"
 #include "volFields.H"
 
@@ -76,14 +75,18 @@ Foam::autoPtr<Foam::m4gnRelaxation> Foam::m4gnRelaxation::New(
     const fvMesh& mesh, const dictionary& dict, const scalar stride, const autoPtr<m4gnSolidLaw>& law,
     const bool dynamic)
 {
-    if (law && law->relaxes() && dynamic) {
+    if (!law) {
+        return nullptr;
+    }
+    const string why(
+        dynamic ? law->cannotRelax() : string("the case is quasi-static; needed: d2dt2Schemes Euler"));
+    if (why.empty()) {
         return autoPtr<m4gnRelaxation>(new m4gnRelaxation(mesh, dict, stride));
     }
-    if (law && dict.isDict(entryName)) {
-        FatalIOErrorInFunction(dict) << "Entry relaxation is for dynamic cases of solids4foam's models"
-                                     << " without a pressure equation (solvePressureEqn); this one is "
-                                     << m4gn::solidModel(mesh) << (dynamic ? "" : ", quasi-static") << nl
-                                     << "    Remove the entry" << exit(FatalIOError);
+    if (dict.isDict(entryName)) {
+        FatalIOErrorInFunction(dict) << "Entry relaxation of " << dict.dictName()
+                                     << " cannot be followed: " << why.c_str() << nl << "    Remove the entry"
+                                     << exit(FatalIOError);
     }
 
     return nullptr;

@@ -9,9 +9,7 @@
 #include "solidModel.H"
 #include "zeroGradientFvPatchFields.H"
 
-bool Foam::m4gnSolids4FoamLaw::relaxes() const { return cannotCorrect().empty(); }
-
-Foam::string Foam::m4gnSolids4FoamLaw::cannotCorrect() const
+Foam::string Foam::m4gnSolids4FoamLaw::cannotRelax() const
 {
 #if __has_include("foamPetscSnesHelper.H")
     return "this solids4foam has a Newton-Krylov solver and other equations of its correctors; needed: 2.2";
@@ -41,7 +39,7 @@ Foam::string Foam::m4gnSolids4FoamLaw::cannotCorrect() const
 
 Foam::string Foam::m4gnSolids4FoamLaw::cannotStep() const
 {
-    const string why(cannotCorrect());
+    const string why(cannotRelax());
     if (!why.empty()) {
         return why;
     }
