@@ -60,7 +60,8 @@ void m4gn::FoamCase::set_node_types(const rust::Vec<rust::String>& keys, const r
     data_->nodes.reset();
     data_->nodes.reset(new Foam::m4gnNodes(*data_->mesh, kinds.types()));
 
-    const Foam::dictionary own(dict.subOrEmptyDict("segments"));
+    // Of m4gnRecorder they stand among its own entries
+    const Foam::dictionary own(dict.isDict("segments") ? dict.subDict("segments") : dict);
     const Foam::word D(dict.lookupOrDefault<Foam::word>("D", "D"));
     const bool possible =
         Foam::m4gnElasticBody::unknown(*data_->mesh, own).empty()

@@ -53,6 +53,16 @@ for name in sys.argv[2:]:
 PYTHON
 (cd .. && refused '7 elastic modes: the mesh has 5' m4gn segment 1.h5 --segments 8 --modes 7)
 
+# The material that a recorder is told of is that of the command in its case
+for young in 1e6 4e6; do
+    recorder "fields (D); material { E $young; nu 0.3; rho 1000; }"
+    runs m4gn segment . --modes 4 --no-write --json ../$young.json
+done
+python3 -c '
+import json
+a, b = (json.load(open(f"../{young}.json"))["eigenvalues"][0] for young in ("1e6", "4e6"))
+assert abs(b/a - 4) < 1e-4, (a, b)' || fail "the eigenvalues do not grow with the modulus"
+
 # A run of a model that was trained with elastic modes takes the same
 with m4gnSurrogate "mode observe; model \"$M4GN_HOME/tests/e2e/solid.safetensors\";"
 expect_log '4 modes of the elastic body'
