@@ -232,9 +232,6 @@ bool Foam::functionObjects::m4gnAverages::check()
         char line[1000] = "";
         m4gn_averages_line(averages_.get(), i, line, sizeof(line));
         Info << "m4gn: " << line << (asked ? (f.settled ? ", known" : ", not known yet") : "") << nl;
-        if (!found) {
-            f.half_width = f.rms_half_width = GREAT * GREAT;
-        }
         const double columns[] = {f.mean,           f.half_width,          f.rms,
                                   f.rms_half_width, f.frequency,           f.frequency_resolution,
                                   f.transient_end,  f.independent_samples, f.surrogate_share};
