@@ -191,8 +191,10 @@ bool Foam::functionObjects::m4gnRecorder::runComplete() const
     const scalar half = 0.5 * time_.deltaTValue();
     if (postProcess) {
         // end() is called after the last time, but by timeControl not after a
-        // timeEnd, or an error came before it
-        return time_.value() > dict_.getOrDefault<scalar>("timeEnd", VGREAT) + half;
+        // timeEnd, nor where executeControl is for times to write; or an error came
+        // before that time was recorded
+        return time_.value() <= lastTime_
+               || time_.value() > dict_.getOrDefault<scalar>("timeEnd", VGREAT) + half;
     }
     return time_.value() >= time_.endTime().value() - half;
 }

@@ -37,8 +37,14 @@ runs postProcess -time '0.02:'
 frames $file 4 '0.02 to 0.05 s'
 rm -r postProcessing
 
+recorder 'executeControl writeTime; writeControl writeTime;'
+runs postProcess -time '0.02:'
+frames $file 5 '0.02 to 0.06 s'
+rm -r postProcessing
+
 # A run that is killed leaves none
 clean_case
+recorder
 control endTime 100
 # Empty at once: what the run before said must not be found
 : > log.run
