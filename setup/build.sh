@@ -35,16 +35,27 @@ build_crates() {
 }
 
 # Another OpenFOAM than last time: nothing of the old build fits.
-build_function_objects() {
+configure_function_objects() {
     if [ "$(cat target/openfoam/.probe 2>/dev/null)" != "$foam" ]; then
         rm -rf target/{openfoam,solids4foam} lib/libm4gn{Foam,Accelerators,Averages,Solids4Foam}.so || return
     fi
-    configure openfoam target/openfoam -DCMAKE_BUILD_TYPE=Release \
-        -DM4GN_AVERAGES_ARCHIVE="$CARGO_TARGET_DIR/release/libm4gn_averages_capi.a" && echo "$foam" >target/openfoam/.probe &&
-        cmake --build target/openfoam
+    configure openfoam target/openfoam -DCMAKE_BUILD_TYPE=Release -DM4GN_CORE_FOLLOWS=ON \
+        -DM4GN_AVERAGES_ARCHIVE="$CARGO_TARGET_DIR/release/libm4gn_averages_capi.a" && echo "$foam" >target/openfoam/.probe
+}
+
+# What has failed beside cargo fails again, and is told
+build_function_objects() {
+    wait "$beside" || true
+    configure_function_objects && cmake --build target/openfoam
 }
 
 if [ ! -e target/release/.fingerprint ]; then step "dependencies kept from earlier" cargo_cache_restore || true; fi
+# OpenFOAM's templates take minutes to compile: in the time that cargo leaves, as libraries are linked at the end only
+mkdir -p "$M4GN_LOGS"
+(configure_function_objects && exec nice -n 19 ninja -C target/openfoam -j "$(getconf _NPROCESSORS_ONLN)" objects) \
+    >"$M4GN_LOGS/function-objects-beside-cargo.log" 2>&1 </dev/null &
+beside=$!
+trap 'kill "$beside" 2>/dev/null || true' EXIT
 step "m4gn ($what)" build_crates ||
     die "the Rust part of m4gn did not build" \
         "The compiler's messages are above and in $M4GN_LOGS. With the set-up complete this is a fault of m4gn:" \
