@@ -2,9 +2,7 @@
 //!
 //! Needs OpenFOAM and `libm4gn_foam_bridge.so` beside the executable (setup/build.sh).
 
-mod common;
-
-use common::{alone, cube, field, near, note, put, uniform};
+use crate::common::{alone, cube, field, near, note, put, uniform};
 use m4gn_workbench::foam_case::{FoamCase, Reaction, Unknown};
 use std::{fs, path::Path, process::Command};
 use tempfile::TempDir;

@@ -2,9 +2,7 @@
 //!
 //! Needs OpenFOAM and `libm4gn_foam_bridge.so` beside the executable (setup/build.sh).
 
-mod common;
-
-use common::{cube, put, uniform};
+use crate::common::{cube, put, uniform};
 use std::{
     fs,
     path::Path,

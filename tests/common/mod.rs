@@ -1,5 +1,5 @@
 //! OpenFOAM cases of two cells, written by hand.
-// Each test program uses a part of it.
+// Each of the two test programs uses a part of it.
 #![allow(dead_code)]
 
 use std::{
