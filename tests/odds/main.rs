@@ -82,14 +82,27 @@ fn main() -> ExitCode {
 fn driver() -> ExitCode {
     let filter = std::env::args().nth(1).filter(|a| !a.starts_with('-'));
     let chosen = CALLS.iter().filter(|c| filter.as_ref().is_none_or(|f| c.contains(f.as_str())));
-    let (mut passed, mut failed) = (0, 0);
+    let mut jobs = Vec::new();
     for ranks in [2, 3] {
         let of = |call: &&&str, odd| kinds(call, ranks).iter().filter(move |k| (**k == "odds") == odd);
         let odd: Vec<&str> = chosen.clone().filter(|c| of(c, true).count() > 0).copied().collect();
-        let kills = chosen.clone().flat_map(|c| of(&c, false).map(move |kind| (vec![*c], *kind)));
-        for (calls, kind) in std::iter::once((odd, "odds")).chain(kills).filter(|(c, _)| !c.is_empty()) {
-            let (well, text) = launch(&calls, kind, ranks);
-            for call in &calls {
+        let kills = chosen.clone().flat_map(|c| of(&c, false).map(move |kind| (ranks, vec![*c], *kind)));
+        jobs.extend(std::iter::once((ranks, odd, "odds")).chain(kills).filter(|(_, c, _)| !c.is_empty()));
+    }
+    // The longest first; a start of mpirun is more waiting than work
+    jobs.sort_by_key(|(_, _, kind)| *kind != "odds");
+    let at_once = std::thread::available_parallelism().map_or(1, usize::from);
+    let (mut passed, mut failed) = (0, 0);
+    for some in jobs.chunks(at_once) {
+        let ended: Vec<_> = std::thread::scope(|scope| {
+            let mut launched = Vec::new();
+            for (ranks, calls, kind) in some {
+                launched.push(scope.spawn(move || launch(calls, kind, *ranks)));
+            }
+            launched.into_iter().map(|job| job.join().expect("mpirun")).collect()
+        });
+        for ((ranks, calls, kind), (well, text)) in some.iter().zip(ended) {
+            for call in calls {
                 let good = well.contains(call);
                 println!("test {call}::{kind}::on_{ranks} ... {}", if good { "ok" } else { "FAILED" });
                 *(if good { &mut passed } else { &mut failed }) += 1;
