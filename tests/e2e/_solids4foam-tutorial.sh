@@ -3,8 +3,8 @@
 tutorials=$SOLIDS4FOAM_DIR/tutorials/solids
 if [ ! -d "$tutorials" ]; then skip "SOLIDS4FOAM_DIR ($SOLIDS4FOAM_DIR) has no tutorials/solids"; fi
 
-# solids4foam_tutorial TUTORIAL STEPS FOLDER: its mesh, and a run of so many time steps, all of which are written; changes to FOLDER. step is the
-# length of a time step.
+# solids4foam_tutorial TUTORIAL STEPS FOLDER [CELLS]: its mesh, or one of so many cells of its one block, 20x20; and a run of so many time steps, all
+# of which are written; changes to FOLDER. step is the length of a time step.
 solids4foam_tutorial() {
     local setting file
     cp -r "$tutorials/$1" "$3"
@@ -24,6 +24,10 @@ solids4foam_tutorial() {
     # shellcheck disable=SC2016  # not of the shell
     echo 'functions { #include "functions" }' >> system/controlDict
     : > system/functions
+    if [ -n "${4:-}" ]; then
+        sed -i -E "s/^( *hex \([0-9 ]+\)) \([0-9]+ [0-9]+ 1\)/\1 (${4/x/ } 1)/" system/blockMeshDict
+        grep -qF "(${4/x/ } 1)" system/blockMeshDict || fail "$1 has no block whose cells could be set"
+    fi
     if [ -f system/blockMeshDict ]; then runs blockMesh; else runs fluentMeshToFoam ./*.msh; fi
     if [ -f system/changeDictionaryDict.openfoam ]; then runs changeDictionary -dict system/changeDictionaryDict.openfoam -constant; fi
     if [ -f batch.setSet ]; then
