@@ -21,9 +21,11 @@ using namespace Foam;
 //- Does it stay positive? Pressures are absolute where the density varies.
 bool positive(const word& name, const dimensionSet& dimensions)
 {
-    static const wordHashSet names(
-        {"k", "epsilon", "omega", "nut", "nuTilda", "alphat", "T", "rho", "thermo:rho", "thermo:psi",
-         "thermo:mu", "thermo:alpha"});
+    // Turbulence models take roots of theirs before they bound them
+    static const wordHashSet names({"k",        "kl",         "kt",         "epsilon",   "omega",
+                                    "nut",      "nuTilda",    "v2",         "phit",      "gammaInt",
+                                    "ReThetat", "flm",        "fmm",        "alphat",    "T",
+                                    "rho",      "thermo:rho", "thermo:psi", "thermo:mu", "thermo:alpha"});
     return names.found(name) || (name == "p" && dimensions == dimPressure);
 }
 

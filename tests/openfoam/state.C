@@ -72,6 +72,19 @@ TEST(rolesOfAWholeState)
     EXPECT_NEAR(state.size(), 2 * 5 + 1 + 6 * 6, 0);
 }
 
+// kkLOmega takes the root of kt, and kOmegaSSTLM that of gammaInt; a scalar that is transported may have any sign
+TEST(whatModelsTakeRootsOfStaysPositive)
+{
+    fixture f;
+    const volScalarField kt(f.io("kt"), f.T()), gammaInt(f.io("gammaInt"), f.T()), s(f.io("s"), f.T());
+    const m4gnState state(*f.mesh, wordHashSet(), true, false);
+    for (const word name : {"kt", "gammaInt"}) {
+        EXPECT(state.arrays()[find(state, name, M4GN_CELLS)].floor == 0);
+        EXPECT(state.arrays()[find(state, name, M4GN_BOUNDARY)].floor == 0);
+    }
+    EXPECT(state.arrays()[find(state, "s", M4GN_CELLS)].floor == -HUGE_VAL);
+}
+
 TEST(rolesOfANetworksState)
 {
     fixture f;
