@@ -151,10 +151,8 @@ public:
     // Segment of each of this rank's nCells cells.
     std::vector<int32_t> segments(std::size_t nCells) const
     {
-        // One more than needed, so that a rank without cells has a pointer too.
-        std::vector<int32_t> cellSegment(nCells + 1);
+        std::vector<int32_t> cellSegment(nCells);
         check(m4gn_session_segments(session_.get(), cellSegment.data()));
-        cellSegment.pop_back();
         return cellSegment;
     }
 
@@ -196,9 +194,8 @@ public:
     // Segment of each of this rank's nCells cells.
     std::vector<int32_t> cells(std::size_t nCells) const
     {
-        std::vector<int32_t> cellSegment(nCells + 1);
+        std::vector<int32_t> cellSegment(nCells);
         check(m4gn_segments_cells(segments_.get(), cellSegment.data()));
-        cellSegment.pop_back();
         return cellSegment;
     }
 
@@ -217,9 +214,8 @@ public:
     double mode(int32_t i, std::size_t nCells, std::vector<double>& cells) const
     {
         double eigenvalue = 0;
-        cells.resize(nCells + 1);
+        cells.resize(nCells);
         check(m4gn_segments_mode(segments_.get(), i, &eigenvalue, cells.data()));
-        cells.pop_back();
         return eigenvalue;
     }
 
@@ -265,19 +261,16 @@ public:
     // Ascending.
     std::vector<double> eigenvalues() const
     {
-        // One more than needed, here and below, so that an empty list has a pointer too.
-        std::vector<double> values(static_cast<std::size_t>(size()) + 1);
+        std::vector<double> values(static_cast<std::size_t>(size()));
         check(m4gn_modes_eigenvalues(modes_.get(), values.data()));
-        values.pop_back();
         return values;
     }
 
     // One mode, this rank's rows.
     std::vector<double> vector(int32_t index) const
     {
-        std::vector<double> values(nRows_ + 1);
+        std::vector<double> values(nRows_);
         check(m4gn_modes_vector(modes_.get(), index, values.data()));
-        values.pop_back();
         return values;
     }
 
