@@ -1,9 +1,10 @@
 //! Decides which surrogate jumps, and for how many strides. A fit that holds goes first; before one does, the network may jump. Strides
 //! beside the solver measure each of them, and control lets it jump.
 
+use crate::answer::Phase;
 use crate::candidate::Verdict;
 use crate::jump::Jump;
-use crate::ride::{Phase, Ride};
+use crate::ride::Ride;
 use crate::settings::Mode;
 use crate::tables::row;
 use m4gn_base::Result;

@@ -1,6 +1,7 @@
 //! A jump: strides of a surrogate, from the decision to the hand-back.
 
-use crate::ride::{Action, Answer, Phase, Ride};
+use crate::answer::{Action, Answer, Phase};
+use crate::ride::Ride;
 use crate::schedule::{Step, duration, steps_of};
 use crate::shadow::{advanced, predict};
 use crate::surrogate::Start;

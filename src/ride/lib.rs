@@ -5,6 +5,7 @@
 //! is allowed by their errors ([`control`]), the watch over the solver's first steps after a jump, an observer's
 //! rollouts, the state of a run that is carried on, and what is told of all that in tables, messages and a summary.
 
+mod answer;
 mod candidate;
 mod choice;
 mod conditions;
@@ -27,6 +28,7 @@ pub mod registry;
 pub mod restart;
 #[allow(clippy::module_inception)]
 mod ride;
+mod rollouts;
 mod saved;
 mod schedule;
 mod settings;
@@ -42,11 +44,12 @@ mod toy;
 mod values;
 mod watch;
 
+pub use answer::{Action, Answer};
 pub use dmd_settings::DmdSettings;
 pub use log::Text;
 pub use network::Network;
 pub use quantities::QuantitySettings;
-pub use ride::{Action, Ahead, Answer, Host, Ride};
+pub use ride::{Ahead, Host, Ride};
 pub use saved::host_of;
 pub use schedule::Step;
 pub use settings::{Mode, RideSettings};

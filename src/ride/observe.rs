@@ -2,7 +2,6 @@
 
 use crate::candidate::Candidate;
 use crate::control::{Control, StrideError};
-use crate::ride::Ride;
 use crate::schedule::Step;
 use crate::settings::RideSettings;
 use crate::shadow::advanced;
@@ -333,45 +332,6 @@ impl Observer {
             );
         }
         text + "\n"
-    }
-}
-
-impl Ride<'_> {
-    /// The head of the table of errors.
-    pub(crate) fn errors_head(&self) -> String {
-        let digits = self.digits();
-        let mut columns: Vec<String> = vec!["Time".into()];
-        if self.candidates.len() > 1 {
-            columns.push("surrogate".into());
-        }
-        columns.push("steps".into());
-        for field in self.layout.pick(&self.fields) {
-            let kinds = ["oneStep", "hold", "rollout", "holdFirst", "rms"];
-            columns.extend(kinds.map(|kind| format!("{kind}({})", field.name)));
-        }
-        if self.settings.control.is_some() {
-            columns.extend(["error".into(), "estimate".into()]);
-        }
-        let mut lines = vec!["Error of the surrogate against the solver".to_string()];
-        lines.extend(self.candidates.iter().map(|c| c.describe().source.clone()));
-        let mut values: Vec<(&str, String)> =
-            self.candidates.iter().map(|c| ("stride (s)", digits.of(c.stride()))).collect();
-        values.push(("rolloutSteps", self.settings.rollout_steps.to_string()));
-        digits.header(&lines, &values, &columns)
-    }
-
-    /// The head of the table of errors in segments; empty: it is not asked for.
-    pub(crate) fn segments_head(&self) -> String {
-        if !self.settings.write_errors {
-            return String::new();
-        }
-        let description = self.candidates[0].describe();
-        let mut columns: Vec<String> = vec!["Time".into()];
-        for field in self.layout.pick(&description.advances) {
-            columns.extend((0..description.segments.0.max(1)).map(|k| format!("{}:{k}", field.name)));
-        }
-        let lines = ["Error of the surrogate's rollout in each segment".into(), description.source.clone()];
-        self.digits().header(&lines, &[], &columns)
     }
 }
 

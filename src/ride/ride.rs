@@ -1,11 +1,10 @@
-//! The state machine: what a host tells, and what it is to do next.
+//! The state machine: what a host tells, and what follows from it.
 
+use crate::answer::{Action, Answer, Phase};
 use crate::candidate::Candidate;
 use crate::conditions::Conditions;
 use crate::decisions::Decisions;
-use crate::jump::Jump;
 use crate::log::Log;
-use crate::observe::Observer;
 use crate::quantities::Quantities;
 use crate::registry::{Making, NETWORK, find};
 use crate::schedule::{Schedule, Step};
@@ -18,57 +17,6 @@ use m4gn_base::{Error, Result};
 use m4gn_parallel::Comm;
 use m4gn_state::{Layout, Role, Values};
 use std::sync::Arc;
-
-/// What a host is to do next.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Action {
-    /// Let the solver make a step, and tell with [`Ride::solved`].
-    Solve,
-    /// Take a stride with [`Ride::stride`].
-    Stride,
-    /// Advance the time and the fields to what was predicted, and tell with [`Ride::advanced`].
-    Advance,
-    /// Leave the fields as a state that the solver carries on from, and tell with [`Ride::handed_back`].
-    HandBack,
-}
-
-/// An answer of the ride.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Answer {
-    /// What to do next.
-    pub action: Action,
-    /// Which surrogate jumps.
-    pub surrogate: usize,
-    /// Strides of the jump that are left; of [`Action::HandBack`] those that a run which is carried on from here takes: it was stopped.
-    pub strides: usize,
-    /// Of [`Action::Advance`]: time by which the stride advances, s; of [`Action::Stride`] the length of one.
-    pub duration: f64,
-    /// Of [`Action::Advance`] the steps of the solver that it stands for.
-    pub solver_steps: i64,
-    /// Whether one stride is left of the jump: the next state is handed back.
-    pub last_but_one: bool,
-    /// Whether the next call of [`Ride::advanced`] or [`Ride::handed_back`] is to be given the state.
-    pub state: bool,
-    /// Of [`Action::Advance`] whether all arrays were made, or those alone that the surrogate advances.
-    pub whole: bool,
-    /// Within a jump the solver's time step, s; else 0.
-    pub delta_t: f64,
-    /// Whether a surrogate has taken a stride, beside the solver or in its place.
-    pub stepped: bool,
-}
-
-/// Where the run is.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Phase {
-    /// The solver works.
-    Solving,
-    /// Strides are taken.
-    Jumping(Jump),
-    /// A stride was predicted.
-    Advancing(Jump),
-    /// The state is being handed back.
-    HandingBack(Jump),
-}
 
 /// Says what the prescribed arrays will be a time from now on, s: it fills those, and leaves the others. All ranks call it.
 pub type Ahead<'a> = Box<dyn FnMut(f64, &mut Values) -> Result<()> + 'a>;
@@ -357,31 +305,6 @@ impl<'a> Ride<'a> {
         }
     }
 
-    /// An answer with what is known anywhere.
-    pub(crate) fn answer(&self, action: Action) -> Answer {
-        let jump = match &self.phase {
-            Phase::Jumping(jump) | Phase::Advancing(jump) | Phase::HandingBack(jump) => Some(jump),
-            Phase::Solving => None,
-        };
-        let jumper = jump.map(|jump| self.candidates[jump.surrogate].describe());
-        Answer {
-            action,
-            surrogate: jump.map_or(0, |jump| jump.surrogate),
-            strides: jump.map_or(0, |_| self.left().max(0) as usize),
-            delta_t: jump.map_or(0.0, |jump| jump.delta_t),
-            stepped: self.stepped,
-            duration: jump.filter(|_| action == Action::Stride).map_or(0.0, |jump| self.duration(jump)),
-            solver_steps: 0,
-            last_but_one: false,
-            state: match action {
-                Action::Advance => jumper.is_some_and(|d| !d.is_whole),
-                Action::HandBack => self.is_controlled(),
-                _ => false,
-            },
-            whole: jumper.is_some_and(|d| d.is_whole),
-        }
-    }
-
     /// Whether the surrogates have their time at this step.
     fn is_on(&self, step: &Step) -> bool {
         !self.schedule.is_over(step) && self.schedule.has_begun(step)
@@ -390,16 +313,6 @@ impl<'a> Ride<'a> {
     /// Whether strides beside the solver are of use.
     pub(crate) fn is_measured(&self, step: &Step) -> bool {
         self.candidates.iter().any(|c| self.schedule.is_measured(step, c.stride()))
-    }
-
-    pub(crate) fn out_of_turn(&self, call: &str) -> Error {
-        let expected = match self.phase {
-            Phase::Solving => "solved",
-            Phase::Jumping(_) => "stride",
-            Phase::Advancing(_) => "advanced",
-            Phase::HandingBack(_) => "handed_back",
-        };
-        Error::Input(format!("ride: {call} was called where {expected} is due"))
     }
 
     /// What follows a step of the solver. Collective.
@@ -428,60 +341,6 @@ impl<'a> Ride<'a> {
             return Ok(self.answer(Action::Stride));
         }
         Ok(self.answer(Action::Solve))
-    }
-
-    /// Mode observe. Collective.
-    fn observe(&mut self) -> Result<()> {
-        let digits = self.digits();
-        if self.candidates.iter().all(|c| c.observer.is_none()) {
-            let several = self.candidates.len() > 1;
-            for (i, candidate) in self.candidates.iter_mut().enumerate() {
-                candidate.observer = Some(Observer::new(candidate, &self.settings, i == 0, several));
-            }
-            self.log.observed_head = [self.errors_head(), self.segments_head()];
-        }
-        for i in 0..self.candidates.len() {
-            let candidate = &self.candidates[i];
-            let due = match candidate.shadow.waiting {
-                true => candidate.has_arrived(&self.step),
-                false => candidate.can_begin(&self.step),
-            };
-            if !due {
-                continue;
-            }
-            let ahead = self.ahead(i, false, self.candidates[i].stride())?;
-            let candidate = &mut self.candidates[i];
-            let Some(mut observer) = candidate.observer.take() else { continue };
-            let found = observer.arrived(
-                &self.comm,
-                &self.layout,
-                candidate,
-                &self.step,
-                crate::observe::Now {
-                    state: &self.present,
-                    ahead: ahead.as_ref(),
-                    owners: &self.owners,
-                    digits,
-                    n_fields: self.fields.len(),
-                },
-            );
-            candidate.observer = Some(observer);
-            let found = found?;
-            self.stepped |= self.candidates[i].shadow.waiting;
-            self.log.observed += &found.errors;
-            self.log.segments += &found.segments;
-            found.bad.into_iter().for_each(|bad| self.log.not_finite(&self.step.name, Some(bad)));
-        }
-        Ok(())
-    }
-
-    /// The rollout of an observed surrogate minus the solver, of an array that it advances, and the name of the time at which they were
-    /// compared last; none before.
-    pub fn difference(&self, surrogate: usize, array: usize) -> Option<(&[f64], &str)> {
-        let candidate = self.candidates.get(surrogate)?;
-        let place = candidate.describe().advances.iter().position(|&a| a == array)?;
-        let (values, time) = candidate.observer.as_ref()?.difference()?;
-        Some((&values[place], time))
     }
 }
 

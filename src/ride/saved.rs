@@ -1,12 +1,13 @@
 //! What a ride keeps for a run that is carried on.
 
+use crate::answer::{Action, Answer, Phase};
 use crate::conditions::Conditions;
 use crate::control::Measured;
 use crate::fit_control::FitControl;
 use crate::jump::Jump;
 use crate::quantities::Quantities;
 use crate::restart;
-use crate::ride::{Action, Answer, Phase, Ride};
+use crate::ride::Ride;
 use crate::schedule::Step;
 use crate::settings::Mode;
 use crate::shadow::Shadow;
