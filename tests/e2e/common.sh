@@ -168,7 +168,7 @@ interpolationSchemes { default linear; }
 snGradSchemes { default none; }
 EOD
     { header fvSolution; cat <<'EOD'; } > system/fvSolution
-solvers { "(D|T)" { solver GAMG; tolerance 1e-12; relTol 0.01; smoother GaussSeidel; nCellsInCoarsestLevel 20; } }
+solvers { "(D|T)" { solver PCG; preconditioner DIC; tolerance 1e-12; relTol 0.001; } }
 stressAnalysis { compactNormalStress yes; }
 EOD
     { header mechanicalProperties
