@@ -21,7 +21,7 @@ interpolationSchemes { default linear; }
 snGradSchemes { default corrected; }
 EOD
 { header fvSolution; cat <<'EOD'; } > system/fvSolution
-solvers { "(D|DD)" { solver PCG; preconditioner FDIC; tolerance 1e-13; relTol 0.01; } }
+solvers { "(D|DD)" { solver PCG; preconditioner FDIC; tolerance 1e-13; relTol 0.05; } }
 relaxationFactors { }
 EOD
 { header decomposeParDict; echo 'numberOfSubdomains 2; method simple; simpleCoeffs { n (2 1 1); delta 0.001; }'; } > system/decomposeParDict
