@@ -46,6 +46,7 @@ configure_function_objects() {
 # What has failed beside cargo fails again, and is told
 build_function_objects() {
     wait "$beside" || true
+    trap - EXIT
     configure_function_objects && cmake --build target/openfoam
 }
 
