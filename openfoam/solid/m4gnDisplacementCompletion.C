@@ -21,28 +21,6 @@ Foam::word Foam::m4gnDisplacementCompletion::displacementName(const dictionary& 
     return dict.getOrDefault<word>("D", "D");
 }
 
-void Foam::m4gnDisplacementCompletion::update() { D().correctBoundaryConditions(); }
-
-void Foam::m4gnDisplacementCompletion::useLaw(const dictionary& dict)
-{
-    law_ = m4gnSolidLaw::New(mesh_);
-    relaxation_ = m4gnRelaxation::New(mesh_, dict, session_.stride(), law_, dynamic_);
-}
-
-bool Foam::m4gnDisplacementCompletion::leftAsPredicted(const scalar deltaT, const bool handOver)
-{
-    if (!completeLastTwo()) {
-        return false;
-    }
-
-    const bool relaxed =
-        relaxation_->relax(*law_, D().primitiveFieldRef(), rate().primitiveFieldRef(), deltaT);
-    if (handOver) {
-        relaxation_->end();
-    }
-    return !relaxed;
-}
-
 void Foam::m4gnDisplacementCompletion::checkSolver() const
 {
     refuseHistory();
@@ -64,14 +42,9 @@ Foam::m4gnDisplacementCompletion::m4gnDisplacementCompletion(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
     : m4gnCompletion(mesh, session), DName_(displacementName(dict)),
       scheme_(m4gn::scheme(mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')')),
-      dynamic_(scheme_ != "steadyState"), followed_(false)
+      dynamic_(scheme_ != "steadyState")
 {
     checkSolver();
-}
-
-bool Foam::m4gnDisplacementCompletion::beforeStride()
-{
-    return relaxation_ && relaxation_->restore(D().primitiveFieldRef(), rate().primitiveFieldRef());
 }
 
 void Foam::m4gnDisplacementCompletion::advance(const m4gnState& predicted, const scalar duration)
@@ -94,12 +67,8 @@ void Foam::m4gnDisplacementCompletion::advance(const m4gnState& predicted, const
     }
 }
 
-void Foam::m4gnDisplacementCompletion::complete(const scalar deltaT, const bool handOver)
+void Foam::m4gnDisplacementCompletion::complete(const scalar deltaT, const bool)
 {
-    if (handOver) {
-        smooth();
-    }
-
     if (dynamic_) {
         D().oldTime().primitiveFieldRef() = D().primitiveField() - deltaT * rate().primitiveField();
         // A stride is no step of the solver
@@ -113,18 +82,6 @@ Foam::wordList Foam::m4gnDisplacementCompletion::advanced() const
     wordList names(m4gnCompletion::advanced());
     names.append(wordList({DName_, m4gnOwnFields::rateOf(DName_), "sigmaD", "divSigmaExp"}));
     return names;
-}
-
-void Foam::m4gnDisplacementCompletion::write() const
-{
-    if (relaxation_) {
-        relaxation_->write();
-    }
-    if (followed_) {
-        law_->write();
-    } else {
-        m4gnCompletion::write();
-    }
 }
 
 Foam::List<Foam::m4gnCompletion::quantity> Foam::m4gnDisplacementCompletion::quantities() const

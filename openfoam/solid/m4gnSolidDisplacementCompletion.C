@@ -44,6 +44,9 @@ Foam::m4gnSolidDisplacementCompletion::m4gnSolidDisplacementCompletion(
 
 void Foam::m4gnSolidDisplacementCompletion::complete(const scalar deltaT, const bool handOver)
 {
+    if (handOver) {
+        smooth();
+    }
     m4gnDisplacementCompletion::complete(deltaT, handOver);
 
     if (time_.writeTime()) {

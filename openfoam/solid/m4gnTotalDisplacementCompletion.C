@@ -101,7 +101,7 @@ bool Foam::m4gnTotalDisplacementCompletion::applies(const fvMesh& mesh, const di
 
 Foam::m4gnTotalDisplacementCompletion::m4gnTotalDisplacementCompletion(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnDisplacementCompletion(mesh, dict, session)
+    : m4gnDisplacementCompletion(mesh, dict, session), followed_(false)
 {
     refuseContact();
 
@@ -111,12 +111,13 @@ Foam::m4gnTotalDisplacementCompletion::m4gnTotalDisplacementCompletion(
     made.append(m4gnSolidLaw::fields());
     refuseLeftBehind(made);
 
-    useLaw(dict);
+    law_ = m4gnSolidLaw::New(mesh_);
+    relaxation_ = m4gnRelaxation::New(mesh_, dict, session_.stride(), law_, dynamic_);
 }
 
 bool Foam::m4gnTotalDisplacementCompletion::beforeStride()
 {
-    if (!m4gnDisplacementCompletion::beforeStride()) {
+    if (!relaxation_ || !relaxation_->restore(D().primitiveFieldRef(), rate().primitiveFieldRef())) {
         return false;
     }
     update();
@@ -125,8 +126,13 @@ bool Foam::m4gnTotalDisplacementCompletion::beforeStride()
 
 void Foam::m4gnTotalDisplacementCompletion::complete(const scalar deltaT, const bool handOver)
 {
-    if (leftAsPredicted(deltaT, handOver)) {
-        D().correctBoundaryConditions();
+    if (completeLastTwo()) {
+        if (!relaxation_->relax(*law_, D().primitiveFieldRef(), rate().primitiveFieldRef(), deltaT)) {
+            D().correctBoundaryConditions();
+        }
+        if (handOver) {
+            relaxation_->end();
+        }
     }
 
     m4gnDisplacementCompletion::complete(deltaT, handOver);
@@ -139,6 +145,18 @@ void Foam::m4gnTotalDisplacementCompletion::complete(const scalar deltaT, const 
         // Of the solver's time step, at the boundary too
         *DD == dimensionedScalar("deltaT", dimTime, deltaT) * rate();
         D().oldTime().boundaryFieldRef() == D().boundaryField() - DD->boundaryField();
+    }
+}
+
+void Foam::m4gnTotalDisplacementCompletion::write() const
+{
+    if (relaxation_) {
+        relaxation_->write();
+    }
+    if (followed_) {
+        law_->write();
+    } else {
+        m4gnCompletion::write();
     }
 }
 
