@@ -53,16 +53,10 @@ void Foam::m4gnSegmentation::compute(const m4gnModel* model, const dictionary& d
 
     const std::string settings(options(used, withModes && !elastic_));
 
-    // A rank may be without cells, and yet have segments
-    static const int32_t none = 0;
-
     m4gn::check(
         m4gn_segments_new(
             m4gn::communicator(), &nodes.data(), model ? model->handle() : nullptr, settings.c_str(),
-            computed()      ? nullptr
-            : cells_.size() ? cells_.cdata()
-                            : &none,
-            &segments_),
+            computed() ? nullptr : m4gn::labels(cells_), &segments_),
         "The segments cannot be computed");
 
     count_ = m4gn_segments_count(segments_);

@@ -225,14 +225,12 @@ bool Foam::m4gnStoredSegments::use(const m4gnModel* model, const std::string& op
         data.cell_centres = reinterpret_cast<const double*>(mesh_.cellCentres().cdata());
         data.cell_volumes = mesh_.cellVolumes().cdata();
 
-        // A rank may be without cells, and yet have segments
-        static const int32_t none = 0;
         int32_t fit = 0;
         char text[1024] = "";
         m4gn::check(
             m4gn_segments_fit(
                 m4gn::communicator(), &data, model ? model->handle() : nullptr, options.c_str(),
-                cells_.size() ? cells_.cdata() : &none, record.c_str(), &fit, text, sizeof(text)),
+                m4gn::labels(cells_), record.c_str(), &fit, text, sizeof(text)),
             "The stored segments cannot be compared with those wanted");
         why = fit ? "" : text;
     }

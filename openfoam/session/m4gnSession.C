@@ -40,9 +40,6 @@ void Foam::m4gnSession::open(const dictionary& dict, const List<int32_t>& segmen
     const std::string settings(
         options(dict, others_, properties.description(dict.getOrDefault<word>("D", "D"))));
 
-    // A rank may be without cells, and yet have segments
-    static const int32_t none = 0;
-
     const word what(
         stored ? "m4gnSurrogate cannot start (with the segments of m4gnSegment)"
                : "m4gnSurrogate cannot start",
@@ -51,10 +48,7 @@ void Foam::m4gnSession::open(const dictionary& dict, const List<int32_t>& segmen
     m4gn::check(
         m4gn_session_new(
             m4gn::communicator(), &nodes_->data(), model_.handle(), settings.c_str(),
-            !stored           ? nullptr
-            : segments.size() ? segments.cdata()
-                              : &none,
-            &session_),
+            stored ? m4gn::labels(segments) : nullptr, &session_),
         what.c_str());
 
     nodes_->clearModes();
