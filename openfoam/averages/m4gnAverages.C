@@ -48,9 +48,10 @@ void Foam::functionObjects::m4gnAverages::readQuantities(const dictionary& dict)
                                         "forces; result Cd; }, found none"
                                      << exit(FatalIOError);
     }
+    const List<quantity> before(quantities_);
+    const auto seriesBefore(std::move(averages_));
     quantities_.clear();
     silent_.clear();
-    lastCheck_ = 0;
     averages_.reset(m4gn_averages_new(confidence_));
 
     for (const entry& e : all) {
@@ -85,6 +86,15 @@ void Foam::functionObjects::m4gnAverages::readQuantities(const dictionary& dict)
         const std::string source(q.functionObject + ' ' + q.result + ' ' + component);
         m4gn_averages_add(averages_.get(), q.name.c_str(), source.c_str(), q.tolerance, q.relative, q.ofRms);
     }
+
+    const bool goesOn = m4gn_averages_carry_on(averages_.get(), seriesBefore.get()) > 0;
+    goesOn_ = goesOn && (started_ || goesOn_);
+    // Of other columns the table begins anew
+    bool same = before.size() == quantities_.size();
+    for (label i = 0; same && i < before.size(); ++i) {
+        same = before[i].name == quantities_[i].name;
+    }
+    lastCheck_ = same ? lastCheck_ : 0;
 }
 
 void Foam::functionObjects::m4gnAverages::start()
@@ -116,7 +126,7 @@ void Foam::functionObjects::m4gnAverages::start()
     string note;
     const fileName path(stateFile(last_));
     if (last_ > begun_) {
-        note = "begins a series at time " + time_.timeName();
+        note = (goesOn_ ? "goes on with its series at time " : "begins a series at time ") + time_.timeName();
     } else if (Pstream::master()) {
         char why[1000] = "";
         if (isFile(path)) {
@@ -287,8 +297,9 @@ Foam::fileName Foam::functionObjects::m4gnAverages::outputDir() const
 Foam::functionObjects::m4gnAverages::m4gnAverages(
     const word& name, const Time& runTime, const dictionary& dict)
     : stateFunctionObject(name, runTime), averages_(nullptr, m4gn_averages_free), confidence_(0.95),
-      minTime_(0), stop_(false), checkInterval_(1), begun_(runTime.startTime().value()), last_(begun_),
-      lastCheck_(0), lastState_(-1), started_(false), known_(false)
+      minTime_(0), stop_(false), checkInterval_(1), begun_(runTime.startTime().value()),
+      last_(max(begun_, runTime.value())), lastCheck_(0), lastState_(-1), started_(false), goesOn_(false),
+      known_(false)
 {
     read(dict);
     if (postProcess) {
@@ -318,13 +329,12 @@ bool Foam::functionObjects::m4gnAverages::read(const dictionary& dict)
     checkInterval_ = dict.getOrDefault<label>("checkInterval", 1);
     m4gn::checkAtLeast(dict, "checkInterval", checkInterval_, 1);
 
-    // A dictionary that is read again goes on with the series, unless it asks for others
+    // A dictionary that is read again goes on with the series of the same quantities
     OStringStream asked;
     asked << dict.subDict("quantities") << confidence_;
     if (asked.str() != asked_) {
         readQuantities(dict);
         asked_ = asked.str();
-        last_ = max(last_, time_.value());
         started_ = known_ = false;
     }
 

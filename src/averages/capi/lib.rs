@@ -149,6 +149,24 @@ pub unsafe extern "C" fn m4gn_averages_add(
     });
 }
 
+/// `m4gn_averages_carry_on`.
+///
+/// # Safety
+/// Two handles.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn m4gn_averages_carry_on(averages: *mut Averages, before: *const Averages) -> i32 {
+    // SAFETY: the caller's contract.
+    let (Some(averages), Some(before)) = (unsafe { (averages.as_mut(), before.as_ref()) }) else { return 0 };
+    let mut found = 0;
+    for quantity in &mut averages.all {
+        if let Some(old) = before.all.iter().find(|old| old.key == quantity.key) {
+            quantity.watch.carry_on(old.watch.state(), old.watch.series.rows());
+            found += 1;
+        }
+    }
+    found
+}
+
 /// `m4gn_averages_push`.
 ///
 /// # Safety
@@ -338,6 +356,14 @@ mod tests {
             assert_eq!(m4gn_averages_load(b, path.as_ptr(), why.as_mut_ptr(), why.len()), 0);
             assert_eq!(m4gn_averages_check(b, 0, &mut figures), 0);
             assert_eq!((figures.rows, figures.settled), (500, 1), "the second check in a row");
+            let c = m4gn_averages_new(0.9);
+            m4gn_averages_add(c, c"Cd".as_ptr(), c"forces Cd none".as_ptr(), 0.05, 1, 0);
+            m4gn_averages_add(c, c"Cl".as_ptr(), c"forces Cl none".as_ptr(), 0.1, 1, 1);
+            assert_eq!(m4gn_averages_carry_on(c, a), 1, "Cl alone");
+            assert_eq!(m4gn_averages_check(c, 0, &mut figures), 1, "no rows");
+            assert_eq!(m4gn_averages_check(c, 1, &mut figures), 0);
+            assert_eq!(figures.rows, 500);
+            m4gn_averages_free(c);
             let other = m4gn_averages_new(0.95);
             m4gn_averages_add(other, c"Cl".as_ptr(), c"forces2 Cl none".as_ptr(), 0.05, 1, 1);
             assert_eq!(m4gn_averages_load(other, path.as_ptr(), why.as_mut_ptr(), why.len()), 1);

@@ -50,6 +50,10 @@ void m4gn_averages_add(
     m4gn_averages* averages, const char* name, const char* source, double tolerance, int32_t relative,
     int32_t of_rms);
 
+//- Goes on with what others have of series of these names and sources,
+//  whatever their tolerances. How many there were.
+int32_t m4gn_averages_carry_on(m4gn_averages* averages, const m4gn_averages* before);
+
 //- Adds a row to a series: a value, and the time (s) that it stands for, which
 //  ends at time. 0, or 1 if it is refused: not later than the last one, or
 //  not finite.
