@@ -158,7 +158,8 @@ fn patches_that_are_not_understood_are_named() {
 #[test]
 fn entries_of_the_function_object_are_the_defaults() {
     let (dir, case) = duct();
-    let functions = "functions { s { type m4gnSurrogate; segments { count 2; method metis; modes 0; } } }";
+    let functions = "functions { off { type m4gnSurrogate; enabled no; segments { count 1; } } \
+                     s { type m4gnSurrogate; segments { count 2; method metis; modes 0; } } }";
     let control = format!("application icoFoam; deltaT 0.5; writeInterval 1; endTime 3; {functions}");
     put(&case, "system/controlDict", "dictionary", &control);
     let text = accepted(&case, "--json figures.json");

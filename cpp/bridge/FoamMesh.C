@@ -22,7 +22,8 @@ Foam::dictionary m4gn::FoamCase::Data::function_object() const
     // What rules a run comes first.
     for (const Foam::word type : {"m4gnSurrogate", "m4gnSegments", "m4gnRecorder"}) {
         for (const Foam::entry& e : functions) {
-            if (e.isDict() && e.dict().lookupOrDefault<Foam::word>("type", Foam::word::null) == type) {
+            const bool on = e.isDict() && e.dict().lookupOrDefault<bool>("enabled", true);
+            if (on && e.dict().lookupOrDefault<Foam::word>("type", Foam::word::null) == type) {
                 return e.dict();
             }
         }
