@@ -339,7 +339,7 @@ impl Fits for DmdSurrogate {
         self.online.fit()?;
         let modes = self.online.modes();
         let fit = self.online.fitted()?;
-        if fit.tail_error() >= self.rules.fit_tolerance {
+        if self.settings.snapshot_interval.is_none() && fit.tail_error() >= self.rules.fit_tolerance {
             let present = self.description.stride;
             self.now.interval.take(&modes, present, fit.numbers.len() as f64 * present);
         }
