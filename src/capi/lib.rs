@@ -8,32 +8,34 @@
 #[macro_use]
 mod guard;
 mod fit;
+mod host;
 mod model;
 mod modes;
 mod options;
 mod pointers;
 mod recorder;
+mod reports;
 mod ride;
 mod segments;
 mod session;
 mod solids;
 mod state;
 mod user_surrogate;
-mod waves;
 
 pub use fit::*;
+pub use host::HostData;
 pub use model::*;
 pub use modes::*;
 pub use options::tables;
 pub use pointers::{MeshData, SolidData};
 pub use recorder::*;
+pub use reports::*;
 pub use ride::*;
 pub use segments::*;
 pub use session::*;
 pub use solids::*;
 pub use state::{AheadFunction, ArrayData};
 pub use user_surrogate::SurrogateData;
-pub use waves::*;
 
 use std::ffi::c_char;
 
