@@ -1,10 +1,13 @@
 //! What is known on paper: sums of damped waves, trends, constants, and what is no fit.
 
-use crate::{Delayed, FitSettings, Mode, OnlineDmd, Restored, Settings, State, Storage, Window, relative};
+use crate::{FitSettings, OnlineDmd, Settings, Storage, relative};
 use m4gn_parallel::Comm;
 use m4gn_state::Array;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+
+mod modes;
+mod restarting;
 
 const N: usize = 60;
 
@@ -73,98 +76,8 @@ fn predicted(linear: &OnlineDmd, strides: f64) -> [Vec<f64>; 2] {
     })
 }
 
-/// What was lost.
-fn lost(restored: m4gn_base::Result<Restored>) -> String {
-    match restored.unwrap() {
-        Restored::Lost(said) => said,
-        other => panic!("{other:?}"),
-    }
-}
-
 fn largest(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
-}
-
-fn window_of(states: &[Vec<f64>]) -> Window {
-    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
-    let products = states.iter().flat_map(|a| states.iter().map(move |b| product(a, b))).collect();
-    Window::new((0..states.len() as i64).collect(), products)
-}
-
-#[test]
-fn eigenvalues_of_damped_waves_are_known() {
-    let known = [(0.999, 0.6), (0.98, 1.3), (1.0, 0.25)];
-    let waves = Waves::new(&known);
-    let mut states: Vec<Vec<f64>> = (0..40).map(|k| waves.at(k as f64)).collect();
-    states.iter_mut().for_each(|s| s.iter_mut().zip(&waves.base).for_each(|(x, b)| *x -= b));
-    let dmd = Delayed::new(&window_of(&states), 4, 30).unwrap().modes(30, true).unwrap();
-    // Three pairs, and 1 of the mean that was taken.
-    let mut found: Vec<(f64, f64)> =
-        dmd.eigenvalues().iter().map(|e| (e[0].hypot(e[1]), e[1].atan2(e[0]))).collect();
-    assert!(found.len() <= 7, "{found:?}");
-    found.retain(|(_, angle)| *angle > 1e-6);
-    for (decay, angle) in known {
-        let nearest = found.iter().map(|f| (f.0 - decay).abs().max((f.1 - angle).abs())).fold(1.0, f64::min);
-        assert!(nearest < 1e-10, "{decay} {angle}: {nearest:e} of {found:?}");
-    }
-    // Of a pair the one above the real axis comes first, and sizes fall.
-    for pair in dmd.eigenvalues().windows(2) {
-        let size = |e: [f64; 2]| e[0].hypot(e[1]);
-        assert!(size(pair[0]) >= size(pair[1]) * (1.0 - 1e-12));
-    }
-}
-
-#[test]
-fn what_does_not_oscillate_and_all_waves_are_the_state() {
-    let waves = Waves::new(&[(0.98, 0.5), (1.0, 1.3), (0.9, 0.0)]);
-    let mut linear = two(Storage::Double);
-    feed(&mut linear, 0..40, |k| waves.at(k));
-    linear.fit().unwrap();
-    let field = |of: &crate::Combination| {
-        let mut values = vec![0.0; linear.snapshots().fields()[0].numbers()];
-        linear.field(0, of, &mut values);
-        values
-    };
-    for strides in [0.0, 7.5] {
-        let waves: Vec<Mode> = linear.modes().into_iter().filter(|m| m.frequency > 0.0).collect();
-        let mut state = field(&linear.mode(waves[0].number, strides).unwrap()[0]);
-        for wave in &waves {
-            let [still, real, _] = linear.mode(wave.number, strides).unwrap().map(|c| field(&c));
-            // A quarter of a period later, but for its growth, the part that was imaginary has gone to the other side
-            let quarter = 0.25 / wave.frequency / 0.5;
-            let size = (wave.growth_rate * 0.5 * quarter).exp();
-            let [was, _, imaginary] = linear.mode(wave.number, strides).unwrap().map(|c| field(&c));
-            let [then, turned, _] = linear.mode(wave.number, strides + quarter).unwrap().map(|c| field(&c));
-            let off = |i: usize| (turned[i] - then[i]) / size + (imaginary[i] - was[i]);
-            assert!((0..turned.len()).all(|i| off(i).abs() < 1e-9), "{wave:?}");
-            state.iter_mut().zip(real.iter().zip(&still)).for_each(|(s, (r, m))| *s += r - m);
-        }
-        let known = field(&linear.predict(strides).unwrap());
-        let off = state.iter().zip(&known).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        assert!(off < 1e-10, "{off:e}");
-    }
-    assert!(linear.mode(99, 0.0).is_none());
-}
-
-#[test]
-fn modes_have_the_frequency_the_growth_rate_and_the_share_of_their_waves() {
-    // 0.5 s a snapshot: a wave that decays, one of a third of its size that stays, and a trend that decays without a wave.
-    let waves = Waves::new(&[(0.98, 0.5), (1.0, 1.3), (0.9, 0.0)]);
-    let mut linear = two(Storage::Double);
-    feed(&mut linear, 0..40, |k| waves.at(k));
-    linear.fit().unwrap();
-    let modes = linear.modes();
-    for (decay, angle) in [(0.98f64, 0.5), (1.0, 1.3), (0.9, 0.0)] {
-        let (frequency, growth) = (angle / std::f64::consts::TAU / 0.5, decay.ln() / 0.5);
-        let near =
-            |m: &&Mode| (m.frequency - frequency).abs() < 1e-6 && (m.growth_rate - growth).abs() < 1e-5;
-        assert_eq!(modes.iter().filter(near).count(), 1, "{frequency} {growth} {modes:?}");
-    }
-    assert!((modes.iter().map(|m| m.energy).sum::<f64>() - 1.0).abs() < 1e-12);
-    assert!(modes.windows(2).all(|m| m[0].energy >= m[1].energy));
-    // At snapshot 39 the one that stays is the largest, and what it varies by is nearly all: 2^.5 times the root mean square.
-    assert!((modes[0].frequency - 1.3 / std::f64::consts::TAU / 0.5).abs() < 1e-6);
-    assert!((1.0..1.5).contains(&modes[0].amplitude), "{modes:?}");
 }
 
 /// A number of -1 to 1 for each item and state.
@@ -454,142 +367,6 @@ fn what_falls_below_its_floor_has_the_least_value_of_the_window_and_nothing_else
         lower += usize::from(k[0] < least && square == 0.0);
     }
     assert!(raised > 5 && lower > 2, "{raised} {lower}");
-}
-
-#[test]
-fn a_run_that_is_carried_on_has_the_same_bits() {
-    let waves = Waves::new(&[(1.0, 0.6), (0.999, 1.3)]);
-    let folder = tempfile::tempdir().unwrap();
-    for storage in [Storage::Double, Storage::Single] {
-        let path = folder.path().join(format!("{storage:?}/linear.snapshots"));
-        let mut linear = two(storage);
-        feed(&mut linear, 0..35, |k| waves.at(k));
-        linear.save(&path).unwrap();
-        feed(&mut linear, 35..60, |k| waves.at(k));
-        linear.fit().unwrap();
-        linear.jump(4.0, 31.5, 0.5);
-        let state = linear.save(&path).unwrap();
-        // What is written later is none of this state's.
-        feed(&mut linear, 64..70, |k| waves.at(k));
-        linear.save(&path).unwrap();
-        let size = std::fs::metadata(&path).unwrap().len();
-        let mut other = two(storage);
-        assert_eq!(other.restore(&path, state.clone()).unwrap(), Restored::Whole);
-        feed(&mut other, 64..70, |k| waves.at(k));
-        for strides in [1.0, 33.0] {
-            let bits = |l: &OnlineDmd| {
-                predicted(l, strides).map(|v| v.iter().map(|x| x.to_bits()).collect::<Vec<_>>())
-            };
-            assert_eq!(bits(&linear), bits(&other));
-        }
-        other.save(&path).unwrap();
-        assert_eq!(std::fs::metadata(&path).unwrap().len(), size, "each snapshot is there once");
-        // A damaged tail is dropped, and said.
-        let mut bytes = std::fs::read(&path).unwrap();
-        let at = bytes.len() - 40;
-        bytes[at] ^= 4;
-        std::fs::write(&path, &bytes).unwrap();
-        let late = linear.save(&folder.path().join("elsewhere")).unwrap();
-        let mut third = two(storage);
-        let said = lost(third.restore(&path, late));
-        assert!(said.contains("checksum"), "{said}");
-        assert_eq!(third.snapshots().numbers().last(), Some(68));
-        assert!(third.fitted().is_none());
-        // States of the same numbers, fields and interval, of another run
-        let mut stranger = two(storage);
-        feed(&mut stranger, 0..60, |k| Waves::new(&[(1.0, 0.6), (0.999, 1.31)]).at(k));
-        stranger.save(&path).unwrap();
-        let mut misled = two(storage);
-        let said = lost(misled.restore(&path, state.clone()));
-        assert!(said.contains("found those of another"), "{said}");
-        assert!(misled.fitted().is_none() && misled.snapshots().numbers().count() == 0);
-        bytes.truncate(30);
-        std::fs::write(&path, &bytes).unwrap();
-        let mut fourth = two(storage);
-        assert!(lost(fourth.restore(&path, state)).contains("header"));
-        assert_eq!(fourth.snapshots().numbers().count(), 0);
-    }
-}
-
-#[test]
-fn snapshots_that_someone_removed_are_written_anew_and_a_pipe_is_not_waited_for() {
-    let waves = Waves::new(&[(1.0, 0.6), (0.999, 1.3)]);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("post/states");
-    let mut linear = two(Storage::Double);
-    feed(&mut linear, 0..35, |k| waves.at(k));
-    linear.save(&path).unwrap();
-    std::fs::remove_dir_all(path.parent().unwrap()).unwrap();
-    feed(&mut linear, 35..45, |k| waves.at(k));
-    let state = linear.save(&path).unwrap();
-    assert_eq!(two(Storage::Double).restore(&path, state.clone()).unwrap(), Restored::Whole);
-    std::fs::remove_file(&path).unwrap();
-    assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
-    let said = lost(two(Storage::Double).restore(&path, state));
-    assert!(said.contains("found a pipe or a device"), "{said}");
-    let said = linear.save(&path).unwrap_err().to_string();
-    assert!(said.contains("found a pipe or a device"), "{said}");
-}
-
-#[test]
-fn a_file_that_is_begun_leaves_the_states_of_the_one_before() {
-    let waves = Waves::new(&[(1.0, 0.6), (0.999, 1.3)]);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("states");
-    let mut linear = two(Storage::Double);
-    let mut states = Vec::new();
-    for k in 0..120 {
-        feed(&mut linear, 10 * k..10 * k + 10, |k| waves.at(k));
-        states.push(linear.save(&path).unwrap());
-        // A run that is killed before the next time is whole has this one or the one before it.
-        for state in states.iter().rev().take(2) {
-            assert_eq!(two(Storage::Double).restore(&path, state.clone()).unwrap(), Restored::Whole, "{k}");
-        }
-    }
-    let files = || std::fs::read_dir(folder.path()).unwrap().count();
-    assert_eq!(files(), 2, "room is taken by two files at most");
-    let taken_up = |s: &State| two(Storage::Double).restore(&path, s.clone()).unwrap() == Restored::Whole;
-    assert!(states.iter().filter(|s| taken_up(s)).count() > 10);
-    // Earlier ones have made room: the window begins anew, beside what is there.
-    let mut other = two(Storage::Double);
-    assert_eq!(other.restore(&path, states[0].clone()).unwrap(), Restored::Superseded);
-    feed(&mut other, 10..20, |k| waves.at(k));
-    let state = other.save(&path).unwrap();
-    assert!(taken_up(&state) && taken_up(states.last().unwrap()));
-    // So does a run that is carried on under other conditions.
-    let mut other = two(Storage::Double);
-    other.begin_beside(&path, &state);
-    feed(&mut other, 1200..1210, |k| waves.at(k));
-    other.save(&path).unwrap();
-    assert!(taken_up(&state));
-}
-
-#[test]
-fn a_sample_between_the_last_step_and_the_next_is_there_in_a_run_that_is_carried_on() {
-    let waves = Waves::new(&[(1.0, 0.6), (0.999, 1.3)]);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("states");
-    let dt = 0.3;
-    let offer = |linear: &mut OnlineDmd, k: usize| {
-        let (time, u) = (dt * k as f64, waves.at(dt * k as f64));
-        if linear.wants(time, dt) {
-            linear.offer(time, dt, &[&u, &phi(&u)]).unwrap();
-        }
-    };
-    let numbers = |l: &OnlineDmd| l.snapshots().numbers().collect::<Vec<_>>();
-    let mut uninterrupted = two(Storage::Double);
-    (0..60).for_each(|k| offer(&mut uninterrupted, k));
-    let mut stopped = two(Storage::Double);
-    for k in 0..40 {
-        offer(&mut stopped, k);
-        let mut other = two(Storage::Double);
-        assert_eq!(other.restore(&path, stopped.save(&path).unwrap()).unwrap(), Restored::Whole);
-        // The time as a folder's name has it.
-        let (time, u) = (format!("{:.6}", dt * k as f64).parse().unwrap(), waves.at(dt * k as f64));
-        other.stand(time, dt, &[&u, &phi(&u)]);
-        (k + 1..60).for_each(|k| offer(&mut other, k));
-        assert_eq!(numbers(&other), numbers(&uninterrupted), "carried on at {time}");
-    }
 }
 
 #[test]

@@ -171,3 +171,37 @@ impl DmdSettings {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::RideSettings;
+
+    #[test]
+    fn settings_that_cannot_be_are_named() {
+        for (dmd, words) in [
+            (r#"{"snapshotInterval": 0}"#, "snapshotInterval"),
+            (r#"{"jumpTolerance": -1}"#, "jumpTolerance"),
+            (r#"{"jumpGrowth": 0.5}"#, "jumpGrowth"),
+            (r#"{"maxJump": 3}"#, "maxJump"),
+            (r#"{"maxJump": 2147483647}"#, "maxJump"),
+            (r#"{"holdOut": 18446744073709551615}"#, "minSnapshots"),
+            (r#"{"minSnapshots": 3}"#, "minSnapshots"),
+            (r#"{"windo": 3}"#, "window"),
+            (r#"{"rest": {"U": 0}}"#, "rest: U 0"),
+        ] {
+            let text = format!(r#"{{"mode": "replace", "surrogates": ["dmd"], "dmd": {dmd}}}"#);
+            let error = RideSettings::parse(&text).unwrap_err().to_string();
+            assert!(error.contains(words), "{dmd}: {error}");
+        }
+        let small = r#"{"mode": "replace", "surrogates": ["dmd"], "dmd": {"window": 24}}"#;
+        RideSettings::parse(small).expect("a smaller window needs no other entry");
+        for (text, words) in [
+            (r#"{"mode": "replace", "surrogates": ["dmd", "dmd"]}"#, "each once"),
+            (r#"{"mode": "replace", "solverSteps": 1, "surrogateSteps": 1, "dmd": {}}"#, "does not name it"),
+            (r#"{"mode": "replace", "surrogates": ["quadratic"]}"#, "dmd"),
+        ] {
+            let error = RideSettings::parse(text).unwrap_err().to_string();
+            assert!(error.contains(words), "{text}: {error}");
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! The time between states where a case sets none, or one that is shorter than the solver's steps.
+
+use super::*;
+
+/// A cautious first step that grows: states are so many of the present steps apart, and none lies inside of a step.
+#[test]
+fn the_stride_follows_the_step() {
+    let settings = r#"{"mode": "replace", "surrogates": ["dmd"], "dmd": {"initialJump": 5, "window": 24}}"#;
+    let ramp: fn(f64) -> f64 = |time| (0.2 * time + 1e-8).min(0.01);
+    let mut host = Host::new(settings, 0.0, 0, 40.0, solver(0.0, 1e9));
+    let begin = Step { delta_t: 1e-8, ..host.now() };
+    host.ride = Ride::new(Comm::serial(), guest(), RideSettings::parse(settings).unwrap(), begin).unwrap();
+    host.delta_t = ramp;
+    host.run(1e9, |_| false);
+    assert!(host.log.contains("s: states are kept 1.2"), "{}", host.log);
+    let fits = host.log.matches(": fit of").count();
+    assert!(
+        fits < 30 && !host.log.contains("error of 1.") && !host.log.contains("error of 2."),
+        "{}",
+        host.log
+    );
+    assert!(!host.jumps.is_empty() && host.worst < 1e-3, "{} {:?}\n{}", host.worst, host.jumps, host.log);
+    // And back, once the long steps are long gone.
+    let stride = host.ride.candidates[0].stride();
+    assert!((0.125..=0.25).contains(&stride), "{stride}");
+    (host.delta_t, host.end) = (|_| 0.001, 400.0);
+    host.run(1e9, |_| false);
+    let stride = host.ride.candidates[0].stride();
+    assert!((0.0125..=0.05).contains(&stride), "{stride}");
+}
+
+/// Where a case sets no interval: 25 steps are a hundredth of the wave's period, and states are then a fourteenth of it apart.
+#[test]
+fn the_stride_follows_the_period() {
+    let settings = r#"{"mode": "replace", "surrogates": ["dmd"], "dmd": {"initialJump": 5, "window": 24}}"#;
+    let mut host = Host::new(settings, 0.0, 0, 60.0, solver(0.0, 1e9));
+    host.delta_t = |_| 0.001;
+    host.run(f64::INFINITY, |_| false);
+    assert!(host.log.contains(": fits show a period of "), "{}", host.log);
+    let stride = host.ride.candidates[0].stride();
+    assert!((0.1..=0.4).contains(&stride), "periods are 3.3 and 2.0: {stride}\n{}", host.log);
+    assert!(!host.jumps.is_empty() && host.worst < 0.05, "{} {:?}\n{}", host.worst, host.jumps, host.log);
+}
+
+/// An interval that is shorter than the steps is doubled until it is not.
+#[test]
+fn states_are_no_nearer_than_steps() {
+    let settings = SETTINGS.replace("\"snapshotInterval\": 0.2", "\"snapshotInterval\": 0.05");
+    let mut host = Host::new(&settings, 0.0, 0, 30.0, solver(0.0, 1e9));
+    host.delta_t = |time| if time < 3.0 { 0.05 } else { 0.12 };
+    host.run(1e9, |_| false);
+    assert!(
+        host.log.contains("the solver's step is 1.200e-1 s: states are kept 2.000e-1 s apart"),
+        "{}",
+        host.log
+    );
+    assert!(!host.jumps.is_empty(), "{}", host.log);
+}
