@@ -300,10 +300,8 @@ impl Snapshots {
 
     /// Of each field the square of the most that a kept state differs from the first one by.
     pub(crate) fn changed(&self) -> Vec<f64> {
-        let square =
-            |table: &Vec<f64>, slot: usize| table.get(slot * (self.capacity + 1)).copied().unwrap_or(0.0);
-        let of = |table| self.entries.iter().map(|e| square(table, e.slot)).fold(0.0, f64::max);
-        self.products.iter().map(of).collect()
+        let most = |f: usize| self.entries.iter().map(|e| self.square(f, e)).fold(0.0, f64::max);
+        (0..self.fields.len()).map(most).collect()
     }
 
     /// Square of a change of field `f` that is rounding of its level.
@@ -315,8 +313,7 @@ impl Snapshots {
     /// fields together.
     pub(crate) fn marks(&self) -> Vec<f64> {
         let level: f64 = self.level.iter().sum();
-        let square = |slot: usize| slot * (self.capacity + 1);
-        let of = |e: &Entry| self.products.iter().filter_map(|t| t.get(square(e.slot))).sum::<f64>() + level;
+        let of = |e: &Entry| (0..self.fields.len()).map(|f| self.square(f, e)).sum::<f64>() + level;
         self.entries[..self.entries.len() - self.fresh].iter().map(of).collect()
     }
 

@@ -147,29 +147,6 @@ impl DmdSurrogate {
     fn other_interval(&self, delta_t: f64) -> Option<f64> {
         self.now.interval.other(self.settings.snapshot_interval, self.description.stride, delta_t)
     }
-
-    /// The place of an array of the layout among those that a fit knows.
-    fn own(&self, array: usize) -> usize {
-        self.places.iter().position(|&place| place == array).unwrap_or(0)
-    }
-
-    /// The advanced arrays of a prediction. Collective.
-    fn put(&self, prediction: &Combination, next: &mut Values) -> Result<()> {
-        let mut values: Values = next.iter().map(|v| vec![0.0; v.len()]).collect();
-        let mut raised = Vec::new();
-        for (v, &array) in values.iter_mut().zip(&self.description.advances) {
-            raised.push(self.online.field(self.own(array), prediction, v));
-        }
-        let comm = self.online.snapshots().comm();
-        let finite = values.iter().flatten().all(|v| v.is_finite());
-        let finite = finite
-            .then_some(())
-            .ok_or_else(|| Error::Numerical("the prediction of dmd is not finite".into()));
-        comm.agree(finite)?;
-        self.check_floors(&mut raised)?;
-        *next = values;
-        Ok(())
-    }
 }
 
 impl Surrogate for DmdSurrogate {
@@ -298,9 +275,9 @@ impl Fits for DmdSurrogate {
         if let Some(interval) = interval {
             self.online.begin_anew(interval, step.time);
             self.description.stride = interval;
-            (self.now.ahead, self.now.offset, self.now.jumped) = (0.0, 0.0, false);
+            let RestartState { begin, interval, .. } = std::mem::take(&mut self.now);
+            self.now = RestartState { begin, interval, ..RestartState::default() };
             self.rollout = None;
-            (self.now.settle, self.now.cut, self.now.before) = (Settle::default(), None, None);
         }
         let period = self.now.interval.period();
         let outlook = self.online.outlook();

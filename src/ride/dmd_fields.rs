@@ -1,12 +1,36 @@
-//! Fields of the dmd surrogate: whether a prediction of them may be used, and what the waves of its fit look like.
+//! Fields of the dmd surrogate: predictions of them, whether they may be used, and what the waves of its fit look like.
 
 use super::DmdSurrogate;
 use m4gn_base::{Error, Result};
 use m4gn_dmd::Combination;
+use m4gn_state::Values;
 
 impl DmdSurrogate {
+    /// The place of an array of the layout among those that a fit knows.
+    pub(super) fn own(&self, array: usize) -> usize {
+        self.places.iter().position(|&place| place == array).unwrap_or(0)
+    }
+
+    /// The advanced arrays of a prediction. Collective.
+    pub(super) fn put(&self, prediction: &Combination, next: &mut Values) -> Result<()> {
+        let mut values: Values = next.iter().map(|v| vec![0.0; v.len()]).collect();
+        let mut raised = Vec::new();
+        for (v, &array) in values.iter_mut().zip(&self.description.advances) {
+            raised.push(self.online.field(self.own(array), prediction, v));
+        }
+        let comm = self.online.snapshots().comm();
+        let finite = values.iter().flatten().all(|v| v.is_finite());
+        let finite = finite
+            .then_some(())
+            .ok_or_else(|| Error::Numerical("the prediction of dmd is not finite".into()));
+        comm.agree(finite)?;
+        self.check_floors(&mut raised)?;
+        *next = values;
+        Ok(())
+    }
+
     /// [`Error::Numerical`] where values had to be raised to what is physical by more than the jump tolerance of what the array varies by.
-    pub(super) fn check_floors(&self, raised: &mut [f64]) -> Result<()> {
+    fn check_floors(&self, raised: &mut [f64]) -> Result<()> {
         if self.layout.pick(&self.description.advances).iter().all(|a| a.floor.is_none()) {
             return Ok(());
         }
