@@ -139,8 +139,8 @@ fn compare_driven(comm: &Comm, mine: &[usize], all: &[usize]) -> m4gn_base::Resu
     let inputs = [&mut here, &mut alone].map(|l| l.fit().map_or(0, |fit| fit.model.inputs()));
     for s in here.asks(12.0) {
         let k = 40 + s as i64;
-        here.told(s, &[&[], &inlet(mine, k)]);
-        alone.told(s, &[&[], &inlet(all, k)]);
+        here.foresee(s, &[&[], &inlet(mine, k)]);
+        alone.foresee(s, &[&[], &inlet(all, k)]);
     }
     let (Some(a), Some(b), [1, 1]) = (here.predict(12.0), alone.predict(12.0), inputs) else {
         return Err(m4gn_base::Error::Numerical(format!("no prediction, or other inputs: {inputs:?}")));

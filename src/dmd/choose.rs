@@ -119,9 +119,9 @@ impl Last {
         let (numbers, slots): (Vec<i64>, Vec<usize>) = entries.iter().map(|e| (e.number, e.slot)).unzip();
         let variation = variations(snapshots, &slots, least);
         let whole = window(snapshots, &slots, &numbers, &variation);
-        let given = prescribed(snapshots, &variation);
-        let varies = given.iter().any(|v| *v > 0.0);
-        let inputs = varies.then(|| window(snapshots, &slots, &numbers, &given));
+        let prescribed = prescribed(snapshots, &variation);
+        let varies = prescribed.iter().any(|v| *v > 0.0);
+        let inputs = varies.then(|| window(snapshots, &slots, &numbers, &prescribed));
         Last { numbers, slots, variation, whole, inputs }
     }
 

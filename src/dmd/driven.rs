@@ -90,8 +90,8 @@ fn leading(of: &Mat<f64>, part: f64, most: usize) -> Option<(Mat<f64>, Vec<f64>)
         return None;
     }
     let count = (0..n).filter(|&i| values[i] > part * largest).count().min(most);
-    let kept = Mat::from_fn(n, count, |i, k| vectors[(i, n - 1 - k)]);
-    Some((kept, (0..count).map(|k| values[n - 1 - k]).collect()))
+    let columns = Mat::from_fn(n, count, |i, k| vectors[(i, n - 1 - k)]);
+    Some((columns, (0..count).map(|k| values[n - 1 - k]).collect()))
 }
 
 impl Split {

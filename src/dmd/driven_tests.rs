@@ -82,7 +82,7 @@ fn inlet(u: f64) -> Vec<f64> {
 fn tell(online: &mut OnlineDmd, present: usize, strides: f64) -> usize {
     let asked = online.asks(strides);
     for s in &asked {
-        online.told(*s, &[&[], &[], &inlet(signal(present as f64 + s))]);
+        online.foresee(*s, &[&[], &[], &inlet(signal(present as f64 + s))]);
     }
     asked.len()
 }
@@ -188,7 +188,7 @@ fn what_the_window_has_not_seen_is_refused() {
     let system = System::new(0.0, 100);
     let mut online = system.seen(60, 60);
     online.fit().unwrap();
-    online.told(1.0, &[&[], &[], &inlet(3.0)]);
-    let said = online.later(&online.outlook().unwrap(), 1.0).unwrap_err().to_string();
-    assert!(said.contains("an input goes beyond"), "{said}");
+    online.foresee(1.0, &[&[], &[], &inlet(3.0)]);
+    let message = online.later(&online.outlook().unwrap(), 1.0).unwrap_err().to_string();
+    assert!(message.contains("an input goes beyond"), "{message}");
 }

@@ -226,8 +226,8 @@ impl OnlineDmd {
     pub fn least_changes(&self) -> Vec<f64> {
         let of = |(f, unit): (usize, &f64)| {
             let changed = self.state.changed.get(f).unwrap_or(&0.0) / unit.max(f64::MIN_POSITIVE);
-            let given = self.settings.rest.get(f).copied().flatten();
-            given.unwrap_or_else(|| RESTS * changed.sqrt())
+            let rest = self.settings.rest.get(f).copied().flatten();
+            rest.unwrap_or_else(|| RESTS * changed.sqrt())
         };
         self.unit.iter().enumerate().map(of).collect()
     }

@@ -33,7 +33,7 @@ enum Course {
         rests: Vec<Vec<f64>>,
         inputs: Vec<Vec<f64>>,
         /// Of each field what it varies by where it is prescribed; 0 for the others.
-        given: Vec<f64>,
+        prescribed: Vec<f64>,
     },
 }
 
@@ -95,7 +95,7 @@ fn last(strides: f64) -> (i64, bool) {
 
 impl OnlineDmd {
     /// The state at `strides` after the present one, as a combination of kept states. None without a fit, where one of the last states that
-    /// it begins from is missing, or inputs from there on were not [told](Self::told).
+    /// it begins from is missing, or inputs from there on were not [foreseen](Self::foresee).
     pub fn predict(&self, strides: f64) -> Option<Combination> {
         self.later(&self.outlook()?, strides).ok()
     }
@@ -114,11 +114,12 @@ impl OnlineDmd {
                 Course::Free { amplitudes: dmd.amplitudes(&history), dmd: dmd.clone() }
             }
             Model::Driven(driven) => {
-                let given = prescribed(&self.snapshots, &fit.variation);
-                let inputs = numbers.map(|n| Some(driven.input(&self.given(n as f64, &slots, &given)?)));
+                let prescribed = prescribed(&self.snapshots, &fit.variation);
+                let input = |n: i64| self.prescribed_row(n as f64, &slots, &prescribed);
+                let inputs = numbers.map(|n| Some(driven.input(&input(n)?)));
                 let inputs = inputs.collect::<Option<Vec<Vec<f64>>>>()?;
                 let rests = rows.iter().zip(&inputs).map(|(row, v)| driven.rest(row, v)).collect();
-                Course::Driven { driven: driven.clone(), from, rests, inputs, given }
+                Course::Driven { driven: driven.clone(), from, rests, inputs, prescribed }
             }
         };
         Some(Outlook { course, slots })
@@ -136,13 +137,16 @@ impl OnlineDmd {
     /// # Errors
     /// [`Error::Numerical`] where the inputs up to there are not known, or the fit must not be used so far.
     pub fn later(&self, outlook: &Outlook, strides: f64) -> Result<Combination> {
-        let (driven, from, rests, inputs, given) = match &outlook.course {
+        let (driven, from, rests, inputs, prescribed) = match &outlook.course {
             Course::Free { dmd, amplitudes } => {
                 return Ok(spread(&self.snapshots, &outlook.slots, &dmd.weights(amplitudes, strides)));
             }
-            Course::Driven { driven, from, rests, inputs, given } => (driven, *from, rests, inputs, given),
+            Course::Driven { driven, from, rests, inputs, prescribed } => {
+                (driven, *from, rests, inputs, prescribed)
+            }
         };
-        let input = |position: f64| Some(driven.input(&self.given(position, &outlook.slots, given)?));
+        let row = |position: f64| self.prescribed_row(position, &outlook.slots, prescribed);
+        let input = |position: f64| Some(driven.input(&row(position)?));
         let mut inputs = inputs.clone();
         let (last, interpolated) = last(strides);
         for n in 1..=last {
@@ -173,7 +177,7 @@ impl OnlineDmd {
         Ok(spread(&self.snapshots, &outlook.slots, &weights))
     }
 
-    /// The times, in strides after the present sample, at which the fit has to be [told](Self::told) what is prescribed, for the state at
+    /// The times, in strides after the present sample, at which the fit has to [foresee](Self::foresee) what is prescribed, for the state at
     /// `strides`.
     pub fn asks(&self, strides: f64) -> Vec<f64> {
         let (Some(Fit { model: Model::Driven(_), .. }), Some(from)) = (&self.state.fit, self.state.present)
@@ -190,7 +194,7 @@ impl OnlineDmd {
     }
 
     /// What is prescribed `strides` after the present sample: `fields` has the values of the prescribed ones. Collective.
-    pub fn told(&mut self, strides: f64, fields: &[&[f64]]) {
+    pub fn foresee(&mut self, strides: f64, fields: &[&[f64]]) {
         let Some(present) = self.state.present else { return };
         let products = self.snapshots.products_with(fields);
         self.state.foreseen.push(Foreseen { position: present as f64 + strides, products });
@@ -222,15 +226,15 @@ impl OnlineDmd {
     }
 
     /// The same of what is prescribed at a time, in samples; none where that is not known.
-    fn given(&self, position: f64, slots: &[usize], given: &[f64]) -> Option<Vec<f64>> {
+    fn prescribed_row(&self, position: f64, slots: &[usize], variation: &[f64]) -> Option<Vec<f64>> {
         if (position - position.round()).abs() < SAME
             && let Some(state) = self.at(position.round() as i64)
         {
-            return Some(self.row(&state, slots, given));
+            return Some(self.row(&state, slots, variation));
         }
         let foreseen = self.state.foreseen.iter().find(|f| (f.position - position).abs() < SAME)?;
         let mut row = vec![0.0; slots.len()];
-        for (products, v) in foreseen.products.iter().zip(given).filter(|(_, v)| **v > 0.0) {
+        for (products, v) in foreseen.products.iter().zip(variation).filter(|(_, v)| **v > 0.0) {
             row.iter_mut().zip(slots).for_each(|(p, slot)| *p += products[*slot] / v);
         }
         Some(row)

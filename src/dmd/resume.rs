@@ -72,15 +72,15 @@ impl OnlineDmd {
             self.begin_beside(path, &state);
             return Ok(Restored::Superseded);
         }
-        let (mut found, mut said) = (None, String::new());
+        let (mut found, mut loss) = (None, String::new());
         match Store::read(path, state.file, &self.snapshots, &state.kept) {
             Ok(stored) => {
                 if !stored.damage.is_empty() {
-                    said = format!("{}: {}; it and what follows are dropped", path.display(), stored.damage);
+                    loss = format!("{}: {}; it and what follows are dropped", path.display(), stored.damage);
                 }
                 found = Some(stored);
             }
-            Err(e) => said = e.to_string(),
+            Err(e) => loss = e.to_string(),
         }
         let number = |n: &i64| found.as_ref().is_some_and(|f| f.entries.iter().any(|e| e.number == *n));
         let mut there: Vec<i64> = state.kept.iter().map(|n| i64::from(number(n))).collect();
@@ -99,15 +99,15 @@ impl OnlineDmd {
             let other =
                 |(n, mark): (i64, f64)| expected.get(&n).is_some_and(|e| (mark - e).abs() > 1e-9 * e.abs());
             if self.snapshots.numbers().zip(self.snapshots.marks()).any(other) {
-                said = format!("{}: expected the states of this run, found those of another", path.display());
+                loss = format!("{}: expected the states of this run, found those of another", path.display());
                 self.snapshots.entries.clear();
                 whole = false;
             }
             *self.store.borrow_mut() = whole.then_some(stored.store);
         }
-        if !whole && said.is_empty() {
+        if !whole && loss.is_empty() {
             let missing = there.iter().filter(|t| **t == 0).count();
-            said = format!("{}: {missing} of {} states are missing", path.display(), there.len());
+            loss = format!("{}: {missing} of {} states are missing", path.display(), there.len());
         }
         self.settings.interval = state.grid.map_or(self.settings.interval, |grid| grid.interval);
         self.state = match whole {
@@ -120,6 +120,6 @@ impl OnlineDmd {
                 ..State::default()
             },
         };
-        Ok(if said.is_empty() { Restored::Whole } else { Restored::Lost(said) })
+        Ok(if loss.is_empty() { Restored::Whole } else { Restored::Lost(loss) })
     }
 }

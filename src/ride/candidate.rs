@@ -75,14 +75,14 @@ impl<'a> Candidate<'a> {
         let description = surrogate.describe();
         let names = layout.pick(&description.advances).into_iter().map(|a| a.name.clone());
         let mut control = None;
-        if let Some(given) = &settings.control {
-            let mut given = given.clone();
+        if let Some(own) = &settings.control {
+            let mut own = own.clone();
             if settings.mode == Mode::Observe {
                 // An observer ends no run.
-                given.on_failure = Default::default();
+                own.on_failure = Default::default();
             }
             let known = names.zip(description.growth.iter().cloned());
-            let made = Control::new(known.collect(), given)?.among(alike);
+            let made = Control::new(known.collect(), own)?.among(alike);
             let unknown = made.not_calibrated();
             if !unknown.is_empty() {
                 log.text += &format!(
@@ -218,7 +218,7 @@ impl<'a> Candidate<'a> {
     }
 
     /// What was measured and decided, for people: `who` it is, among several.
-    pub fn said(&self, who: &str, digits: Digits) -> String {
+    pub fn report(&self, who: &str, digits: Digits) -> String {
         let [error, estimate] = self.expected.map(|v| digits.of(v));
         let off = format!("{who} beside the solver had an error of {error} in a stride");
         match self.verdict {

@@ -81,8 +81,8 @@ impl Ride<'_> {
         if !measured || !self.schedule.fits(&step, step.delta_t, candidate.stride(), 1.0) {
             return Ok(None);
         }
-        let (most, said) = self.watch.most(&step.name, self.schedule.surrogate_steps);
-        self.log.judged(&step, said, &mut self.decisions);
+        let (most, judgement) = self.watch.most(&step.name, self.schedule.surrogate_steps);
+        self.log.judged(&step, judgement, &mut self.decisions);
         let most = [self.schedule.surrogate_steps, most, self.quantities.most(most)];
         if most[2] == 0 {
             return Ok(None);
@@ -146,19 +146,19 @@ impl Ride<'_> {
         let digits = self.digits();
         let decided = self.candidates.iter().any(|c| c.verdict != Verdict::None);
         let all = self.candidates.iter().enumerate();
-        let told: Vec<String> = all
+        let reports: Vec<String> = all
             .filter(|(_, c)| c.measured.is_some() || c.verdict != Verdict::None)
-            .map(|(i, c)| c.said(&self.who(i), digits))
+            .map(|(i, c)| c.report(&self.who(i), digits))
             .collect();
-        if told.is_empty() || self.settings.control.is_none() {
+        if reports.is_empty() || self.settings.control.is_none() {
             return;
         }
-        let (time, told) = (&self.step.name, told.join("; "));
+        let (time, reports) = (&self.step.name, reports.join("; "));
         let jumper = self.candidates.iter().position(|c| c.verdict == Verdict::Jumps);
         let text = match jumper {
-            Some(jumper) => format!("m4gn: time {time}: {told}: {} jumps\n\n", self.who(jumper)),
-            None if decided => format!("m4gn: no jump at time {time}: {told}. The solver goes on\n\n"),
-            None => format!("m4gn: time {time}: {told}\n\n"),
+            Some(jumper) => format!("m4gn: time {time}: {reports}: {} jumps\n\n", self.who(jumper)),
+            None if decided => format!("m4gn: no jump at time {time}: {reports}. The solver goes on\n\n"),
+            None => format!("m4gn: time {time}: {reports}\n\n"),
         };
         self.log.text += &text;
         if decided {

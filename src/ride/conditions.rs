@@ -15,7 +15,7 @@ const ROUNDED_IN_TEXT: f64 = 1e-5;
 const NAMED: usize = 5;
 
 /// Characters of a value that are named.
-const SHOWN: usize = 60;
+const EXCERPT: usize = 60;
 
 /// One of them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,14 +44,14 @@ impl Conditions {
         let names = self.0.keys().chain(before.0.keys().filter(|name| !self.0.contains_key(*name)));
         let others: Vec<&String> =
             names.filter(|name| !same(name, self.0.get(*name), before.0.get(*name))).collect();
-        let told = others.iter().take(NAMED).map(|name| {
-            format!("{name} was {} and is {}", shown(before.0.get(*name)), shown(self.0.get(*name)))
+        let changes = others.iter().take(NAMED).map(|name| {
+            format!("{name} was {} and is {}", excerpt(before.0.get(*name)), excerpt(self.0.get(*name)))
         });
-        let mut told = told.collect::<Vec<_>>().join("; ");
+        let mut changes = changes.collect::<Vec<_>>().join("; ");
         if others.len() > NAMED {
-            told += &format!("; and {} more", others.len() - NAMED);
+            changes += &format!("; and {} more", others.len() - NAMED);
         }
-        told
+        changes
     }
 }
 
@@ -88,11 +88,11 @@ fn same_words(a: &str, b: &str) -> bool {
     a.len() == b.len() && a.iter().zip(&b).all(same)
 }
 
-fn shown(condition: Option<&Condition>) -> String {
+fn excerpt(condition: Option<&Condition>) -> String {
     match condition {
         None => "not there".into(),
-        Some(Condition::Text(text)) if text.chars().count() > SHOWN => {
-            text.chars().take(SHOWN).chain("...".chars()).collect()
+        Some(Condition::Text(text)) if text.chars().count() > EXCERPT => {
+            text.chars().take(EXCERPT).chain("...".chars()).collect()
         }
         Some(Condition::Text(text)) => text.clone(),
         Some(Condition::Figures(figures)) => {
@@ -132,8 +132,8 @@ mod tests {
     #[test]
     fn many_changes_are_counted_and_long_ones_cut() {
         let many: Vec<String> = (0..9).map(|i| format!("\"k{i}\": \"{}\"", "x".repeat(100))).collect();
-        let told = of(&format!("{{{}}}", many.join(","))).changed(&of("{}"));
-        assert!(told.ends_with("; and 4 more") && told.len() < 600, "{told}");
+        let changes = of(&format!("{{{}}}", many.join(","))).changed(&of("{}"));
+        assert!(changes.ends_with("; and 4 more") && changes.len() < 600, "{changes}");
         assert!(Conditions::parse("[]").is_err() && Conditions::parse(r#"{"a": {}}"#).is_err());
     }
 }

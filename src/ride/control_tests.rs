@@ -115,8 +115,8 @@ fn the_size_and_the_change_are_the_largest_so_far() {
     c.measure(&calm).unwrap();
     assert_eq!(c.error(), 0.02);
     assert_eq!(c.refuses(&[0.89, 0.1]).unwrap(), None);
-    let said = c.refuses(&[0.91, 0.1]).unwrap().unwrap();
-    assert!(said.contains("change U by 9.10e-1, more than 3 times"), "{said}");
+    let reason = c.refuses(&[0.91, 0.1]).unwrap().unwrap();
+    assert!(reason.contains("change U by 9.10e-1, more than 3 times"), "{reason}");
     assert!(c.refuses(&[0.1, f64::NAN]).unwrap().is_some());
     assert!(c.refuses(&[0.1]).is_err());
 }

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Default)]
 pub(crate) struct Decisions {
     /// How many, in all parts of the run.
-    pub told: usize,
+    pub count: usize,
     /// Where they go; none: nowhere.
     path: Option<PathBuf>,
     file: Option<File>,
@@ -32,14 +32,14 @@ impl Decisions {
     }
 
     /// Goes on behind so many.
-    pub fn carry_on(&mut self, told: usize) {
-        self.keep(|i, _| i < told);
-        self.told = told;
+    pub fn carry_on(&mut self, count: usize) {
+        self.keep(|i, _| i < count);
+        self.count = count;
     }
 
     /// A decision at a step; `fields`: an object with what belongs to it. What is no finite number is null there.
     pub fn tell(&mut self, step: &Step, event: &str, fields: &Value) {
-        self.told += 1;
+        self.count += 1;
         let Some(path) = &self.path else { return };
         let rest = fields.to_string();
         let rest = rest.trim_start_matches('{');
@@ -63,11 +63,11 @@ impl Decisions {
         let cut = || -> io::Result<()> {
             let text = files::read_text(&path)?;
             let lines = text.split_inclusive('\n').enumerate();
-            let kept = lines.take_while(|(i, line)| line.ends_with('\n') && wanted(*i, line));
-            let kept: usize = kept.map(|(_, line)| line.len()).sum();
-            match kept == text.len() {
+            let whole = lines.take_while(|(i, line)| line.ends_with('\n') && wanted(*i, line));
+            let whole: usize = whole.map(|(_, line)| line.len()).sum();
+            match whole == text.len() {
                 true => Ok(()),
-                false => files::write_whole(&path, &text.as_bytes()[..kept]).map_err(io::Error::other),
+                false => files::write_whole(&path, &text.as_bytes()[..whole]).map_err(io::Error::other),
             }
         };
         self.file = None;
@@ -112,7 +112,7 @@ mod tests {
         assert!(!path.exists());
         first.tell(&step(1.0), "fit", &json!({"error": 0.5}));
         first.tell(&step(2.0), "jump_begun", &json!({}));
-        let saved = first.told;
+        let saved = first.count;
         first.tell(&step(2.0), "jump_ended", &json!({"error": f64::INFINITY}));
         first.tell(&step(3.0), "end", &json!({}));
         let whole = lines(&path);
@@ -126,7 +126,7 @@ mod tests {
         second.carry_on(saved);
         second.tell(&step(2.0), "jump_ended", &json!({"error": f64::INFINITY}));
         second.tell(&step(3.0), "end", &json!({}));
-        assert_eq!((lines(&path), second.told), (whole, 4));
+        assert_eq!((lines(&path), second.count), (whole, 4));
         // One that begins anew
         let mut third = Decisions::new(Some(path.clone()), &step(0.0));
         third.tell(&step(0.5), "end", &json!({}));
@@ -152,6 +152,6 @@ mod tests {
         // Nobody asked for a file
         let mut silent = Decisions::new(None, &at(0.0, 0.1, 9.0, 0));
         silent.tell(&at(1.0, 0.1, 9.0, 0), "end", &json!({}));
-        assert_eq!((silent.told, silent.failed), (1, None));
+        assert_eq!((silent.count, silent.failed), (1, None));
     }
 }

@@ -212,25 +212,25 @@ impl Surrogate for DmdSurrogate {
         let Some(file) = self.file() else {
             return Ok(None);
         };
-        let kept = RestartState { fit: self.online.save(&file)?, ..self.now.clone() };
-        let bytes = serde_json::to_vec(&kept);
+        let state = RestartState { fit: self.online.save(&file)?, ..self.now.clone() };
+        let bytes = serde_json::to_vec(&state);
         bytes.map(Some).map_err(|e| Error::Internal(format!("the state of dmd as JSON: {e}")))
     }
 
     fn restore(&mut self, saved: &[u8], at: &Resumed) -> Result<Option<String>> {
-        let kept: RestartState =
+        let saved: RestartState =
             serde_json::from_slice(saved).map_err(|e| Error::Input(format!("the state of dmd: {e}")))?;
         let Some(file) = self.file() else {
             return Ok(Some("it keeps no states".into()));
         };
         if !at.holds {
-            self.online.begin_beside(&file, &kept.fit);
+            self.online.begin_beside(&file, &saved.fit);
             return Ok(None);
         }
-        match self.online.restore(&file, kept.fit)? {
+        match self.online.restore(&file, saved.fit)? {
             Restored::Whole => {
                 self.description.stride = self.online.settings().interval;
-                self.now = RestartState { fit: State::default(), ..kept };
+                self.now = RestartState { fit: State::default(), ..saved };
                 self.delta_t = at.step.delta_t;
                 self.online.hold(self.now.before.as_ref());
                 if self.now.settle.has_settled() {
@@ -246,8 +246,8 @@ impl Surrogate for DmdSurrogate {
                 "the states of the fit at time {} have made room for later ones",
                 at.step.name
             ))),
-            Restored::Lost(said) => Err(Error::Input(format!(
-                "{said}: start from an earlier time, or remove the state of this run there, and the schedule begins anew"
+            Restored::Lost(loss) => Err(Error::Input(format!(
+                "{loss}: start from an earlier time, or remove the state of this run there, and the schedule begins anew"
             ))),
         }
     }
@@ -337,8 +337,8 @@ impl Fits for DmdSurrogate {
         self.asked(duration)
     }
 
-    fn told(&mut self, later: f64, values: &Values) {
-        self.take_told(later, values);
+    fn foresee(&mut self, later: f64, values: &Values) {
+        self.foreseen(later, values);
     }
 
     fn drop_fit(&mut self) {

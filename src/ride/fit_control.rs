@@ -87,7 +87,7 @@ impl FitControl {
         decisions: &mut Decisions,
     ) -> Result<String> {
         let seen = fits.observe(step, state, cuts)?;
-        let mut said = String::new();
+        let mut text = String::new();
         if let Some(interval) = seen.interval {
             (self.tried, self.length) = (0, fits.rules().initial_jump as f64);
             self.errors.clear();
@@ -95,33 +95,33 @@ impl FitControl {
                 Some(period) => format!("fits show a period of {period:.3e} s"),
                 None => format!("the solver's step is {:.3e} s", step.delta_t),
             };
-            said = format!(
+            text = format!(
                 "m4gn: time {}: {why}: states are kept {interval:.3e} s apart from here on\n\n",
                 step.name
             );
         }
         if seen.snapshots == 0 {
-            return Ok(said);
+            return Ok(text);
         }
         if let Some((error, jumped)) = seen.error {
-            said += &self.compare(fits, step, (error, jumped), decisions);
+            text += &self.compare(fits, step, (error, jumped), decisions);
         }
         if let Some(wave) = &seen.wave {
-            said += &of_the_wave(wave, step, decisions);
+            text += &of_the_wave(wave, step, decisions);
         }
         if fits.cuts() {
             // The window begins anew.
             (self.tried, self.contiguous) = (0, 0);
             self.errors.clear();
-            return Ok(said);
+            return Ok(text);
         }
         self.tried += seen.snapshots;
         self.contiguous = seen.contiguous;
         let (least, every) = (fits.rules().min_snapshots, fits.rules().refit_interval);
         if seen.contiguous >= least && (self.tried >= every || seen.contiguous == least) {
-            said += &self.fit(fits, step, decisions);
+            text += &self.fit(fits, step, decisions);
         }
-        Ok(said)
+        Ok(text)
     }
 
     /// Tries a fit. Says what came of it.
@@ -160,7 +160,7 @@ impl FitControl {
                 rules.fit_tolerance
             ),
         };
-        let mut said = described(&report, step, &verdict);
+        let mut text = described(&report, step, &verdict);
         let mut decided = as_data(&report, &rules);
         decided["decision"] = json!(if holds { "used" } else { "dropped" });
         // Which bound it has met, or missed
@@ -176,7 +176,7 @@ impl FitControl {
             let seconds = fits.seconds_a_snapshot();
             decided["seconds_a_state"] = json!(seconds);
             let _ = write!(
-                said,
+                text,
                 "m4gn: each state of the window adds {seconds:.1e} s to a stride of the fit\n\n"
             );
         }
@@ -185,11 +185,11 @@ impl FitControl {
             self.modes = report.modes;
         }
         decisions.tell(step, "fit", &decided);
-        said
+        text
     }
 
     /// Why there was no jump, for people.
-    pub fn said(&self, rules: &FitRules, stride: f64, time: f64) -> String {
+    pub fn why_no_jump(&self, rules: &FitRules, stride: f64, time: f64) -> String {
         let missing = rules.min_snapshots.saturating_sub(self.contiguous);
         match self.tries {
             0 => format!(
@@ -221,7 +221,7 @@ impl FitControl {
         decisions: &mut Decisions,
     ) -> String {
         let rules = fits.rules();
-        let mut said = format!(
+        let mut text = format!(
             "m4gn: time {}: a stride of the fit beside the solver had an error of {error:.3} of holding",
             step.name
         );
@@ -233,13 +233,13 @@ impl FitControl {
             let (first, longest) = (rules.initial_jump as f64, rules.max_jump as f64);
             self.length = (self.length * growth).clamp(first, longest);
             decision = if good { "longer" } else { "shorter" };
-            let _ = write!(said, "; the next jump may have {} strides", self.length as usize);
+            let _ = write!(text, "; the next jump may have {} strides", self.length as usize);
         } else if !good {
             let (name, limit) = match jumped {
                 true => ("jumpTolerance", rules.jump_tolerance),
                 false => ("fitTolerance, or twice the error of the fit,", limit),
             };
-            let _ = write!(said, ", above {name} {limit:.3}; the fit is dropped");
+            let _ = write!(text, ", above {name} {limit:.3}; the fit is dropped");
             self.errors.clear();
             fits.drop_fit();
             decision = "dropped";
@@ -248,7 +248,7 @@ impl FitControl {
             "error": error, "after_jump": jumped, "limit": limit, "decision": decision, "next_jump": self.length as usize,
         });
         decisions.tell(step, "fit_stride", &decided);
-        said + "\n\n"
+        text + "\n\n"
     }
 }
 

@@ -25,10 +25,10 @@ impl DmdSurrogate {
         asked.map(|s| (s - here) * self.description.stride).collect()
     }
 
-    /// See [`Fits::told`](crate::surrogate::Fits::told). Collective.
-    pub(crate) fn take_told(&mut self, later: f64, values: &Values) {
+    /// See [`Fits::foresee`](crate::surrogate::Fits::foresee). Collective.
+    pub(crate) fn foreseen(&mut self, later: f64, values: &Values) {
         let fields: Vec<&[f64]> = self.places.iter().map(|&i| values[i].as_slice()).collect();
-        self.online.told(self.strides(later), &fields);
+        self.online.foresee(self.strides(later), &fields);
     }
 
     /// [`Error::Numerical`] where a prediction differs from what is prescribed by more than the jump tolerance of its variation. Collective.
@@ -68,14 +68,14 @@ impl Ride<'_> {
         let arrays = self.layout.arrays().iter();
         let lengths = arrays.map(|a| if a.role == Role::Prescribed { a.numbers() } else { 0 });
         let mut values: Values = lengths.map(|n| vec![0.0; n]).collect();
-        let mut said = Ok(());
+        let mut known = Ok(());
         for time in asked {
-            said = said.and_then(|()| ahead(time, &mut values));
+            known = known.and_then(|()| ahead(time, &mut values));
             if let Some(fits) = surrogate.fits_mut() {
-                fits.told(time, &values);
+                fits.foresee(time, &values);
             }
         }
-        self.comm.agree(said.and_then(|()| ahead(later, &mut values)))?;
+        self.comm.agree(known.and_then(|()| ahead(later, &mut values)))?;
         Ok(Some(values))
     }
 }

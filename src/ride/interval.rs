@@ -47,9 +47,9 @@ impl Interval {
         Interval { longest: [0.0, delta_t], ..Interval::default() }
     }
 
-    /// The first one, s; `given`: what the case sets.
-    pub fn first(given: Option<f64>, delta_t: f64) -> f64 {
-        given.unwrap_or(STEPS * delta_t)
+    /// The first one, s; `fixed`: what the case sets.
+    pub fn first(fixed: Option<f64>, delta_t: f64) -> f64 {
+        fixed.unwrap_or(STEPS * delta_t)
     }
 
     /// The solver has made a step of this length, s.
@@ -63,10 +63,10 @@ impl Interval {
 
     /// The interval where it is to be another than `present` (s): that of the case or of the period, doubled as often as it takes to be as
     /// long as a step; else so many steps, where `present` is off from that by more than a factor of two.
-    pub fn other(&self, given: Option<f64>, present: f64, delta_t: f64) -> Option<f64> {
+    pub fn other(&self, fixed: Option<f64>, present: f64, delta_t: f64) -> Option<f64> {
         let longest = self.longest.iter().copied().fold(delta_t, f64::max);
         let steps = STEPS * longest;
-        let other = match given.or(self.found) {
+        let other = match fixed.or(self.found) {
             Some(known) => known * (longest / known * (1.0 - 1e-6)).log2().ceil().max(0.0).exp2(),
             None if steps > 2.0 * present || steps < 0.5 * present => steps,
             None => present,

@@ -132,10 +132,11 @@ impl Ride<'_> {
             );
         }
         self.log.text += &(line + "\n\n");
-        let told: Map<String, Value> = quantities.iter().map(|(name, v)| (name.clone(), json!(v))).collect();
+        let results: Map<String, Value> =
+            quantities.iter().map(|(name, v)| (name.clone(), json!(v))).collect();
         let decided = json!({
             "surrogate": jumper.name, "strides": jump.done, "surrogate_seconds": surrogate, "hand_over_seconds": hand_over,
-            "quantities": told,
+            "quantities": results,
         });
         self.decisions.tell(&self.step, "handed_back", &decided);
         if self.log.jumps_head.is_empty() && self.totals.rows == 0 {

@@ -269,8 +269,8 @@ impl Observer {
             if let (Some(boundary), Some(held)) = (layout.at_boundary(&of.name), layout.held(&of.name)) {
                 let faces = now.owners.iter().zip(&now.state[held]);
                 let faces = faces.map(|(&owner, &held)| (owner as usize, held == 0.0));
-                let given = &now.state[boundary];
-                m4gn_domain::impose(of.components, faces, cells, given, &mut state[boundary]);
+                let values = &now.state[boundary];
+                m4gn_domain::impose(of.components, faces, cells, values, &mut state[boundary]);
             }
         }
         state

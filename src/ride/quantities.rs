@@ -155,7 +155,7 @@ impl Quantities {
         // Solvers adjust their steps
         let [begun, stepped] = self.times;
         let steps = (stepped - begun) / (now - stepped);
-        let (mut told, mut decided, mut beyond) = (Vec::new(), Vec::new(), false);
+        let (mut errors, mut decided, mut beyond) = (Vec::new(), Vec::new(), false);
         for (i, s) in settings.iter().enumerate() {
             let variation = self.tracks[i].variation();
             let off = match (handed[i], first[i]) {
@@ -173,13 +173,13 @@ impl Quantities {
             decided.push(
                 json!({"object": s.object, "result": s.result, "error": error, "tolerance": s.tolerance}),
             );
-            told.push(format!(
+            errors.push(format!(
                 "{} of {} had an error of {error:.2e} of what it varies by (tolerance {})",
                 s.result, s.object, s.tolerance
             ));
         }
         self.judged += 1;
-        let mut note = format!("m4gn: time {time}: at the end of the jump {}", told.join("; "));
+        let mut note = format!("m4gn: time {time}: at the end of the jump {}", errors.join("; "));
         let mut warning = None;
         if beyond {
             self.beyond += 1;
@@ -190,7 +190,7 @@ impl Quantities {
                 warning = Some(format!(
                     "At time {time} a jump of one stride left a quantity further off than its tolerance allows: {}. The run goes on with the \
                      solver alone\n    Raise the tolerance, or leave the quantity out",
-                    told.join("; ")
+                    errors.join("; ")
                 ));
             }
         } else if let Some(most) = self.most.filter(|most| *most > 0 && self.jump >= *most) {

@@ -45,7 +45,7 @@ pub struct Ride<'a> {
     pub(crate) ahead: Option<Ahead<'a>>,
     /// The state as it was given last, of those arrays that surrogates read or are measured by.
     pub(crate) present: Values,
-    kept: Vec<bool>,
+    used: Vec<bool>,
     /// Arrays of the tables: those of all surrogates.
     pub(crate) fields: Vec<usize>,
     pub(crate) watch: Watch,
@@ -104,9 +104,9 @@ impl<'a> Ride<'a> {
         let alike = watched_alike(&surrogates, &layout, &settings)?;
         let mut rows = [global.len() as i64];
         comm.sum_i64(&mut rows);
-        let (mut fields, mut kept) = (Vec::new(), vec![false; layout.arrays().len()]);
+        let (mut fields, mut used) = (Vec::new(), vec![false; layout.arrays().len()]);
         for description in surrogates.iter().map(|s| s.describe()) {
-            description.advances.iter().chain(&description.reads).for_each(|&i| kept[i] = true);
+            description.advances.iter().chain(&description.reads).for_each(|&i| used[i] = true);
             for &array in &description.advances {
                 if !fields.contains(&array) {
                     fields.push(array);
@@ -123,8 +123,8 @@ impl<'a> Ride<'a> {
             }
         }
         if observing {
-            let held = layout.arrays().iter().zip(&mut kept).filter(|(a, _)| a.role == Role::Held);
-            held.for_each(|(_, kept)| *kept = true);
+            let held = layout.arrays().iter().zip(&mut used).filter(|(a, _)| a.role == Role::Held);
+            held.for_each(|(_, used)| *used = true);
         }
         let mut log = Log::default();
         let candidates =
@@ -136,8 +136,8 @@ impl<'a> Ride<'a> {
             solver_steps: settings.solver_steps.unwrap_or(1) as i64,
             surrogate_steps: settings.surrogate_steps.unwrap_or(1),
         };
-        let present = layout.arrays().iter().zip(&kept);
-        let present = present.map(|(a, &kept)| vec![0.0; if kept { a.numbers() } else { 0 }]).collect();
+        let present = layout.arrays().iter().zip(&used);
+        let present = present.map(|(a, &used)| vec![0.0; if used { a.numbers() } else { 0 }]).collect();
         let decisions = Decisions::new(settings.decisions.clone().filter(|_| comm.is_root()), &start);
         Ok(Ride {
             comm,
@@ -147,7 +147,7 @@ impl<'a> Ride<'a> {
             candidates,
             ahead,
             present,
-            kept,
+            used,
             fields,
             watch: Watch::default(),
             quantities: Quantities::new(&settings.quantities),
@@ -224,8 +224,8 @@ impl<'a> Ride<'a> {
         let wanted = self.wants(&step);
         let state = self.checked("solved", state, wanted)?;
         if let Some(correctors) = step.correctors {
-            let said = self.watch.stepped(&step.name, correctors);
-            self.log.judged(&step, said, &mut self.decisions);
+            let judgement = self.watch.stepped(&step.name, correctors);
+            self.log.judged(&step, judgement, &mut self.decisions);
         }
         self.step = step;
         if let Some(state) = state.filter(|_| wanted) {
@@ -276,7 +276,7 @@ impl<'a> Ride<'a> {
 
     /// The present state is this one.
     pub(crate) fn keep(&mut self, state: &[&[f64]]) {
-        for ((to, from), _) in self.present.iter_mut().zip(state).zip(&self.kept).filter(|(_, kept)| **kept) {
+        for ((to, from), _) in self.present.iter_mut().zip(state).zip(&self.used).filter(|(_, used)| **used) {
             to.copy_from_slice(from);
         }
     }

@@ -158,7 +158,7 @@ impl Ride<'_> {
             totals: self.totals.clone(),
             conditions: self.conditions.clone(),
             refused: self.log.refused,
-            decisions: self.decisions.told,
+            decisions: self.decisions.count,
             surrogates,
             host: self.settings.host.clone(),
         };
@@ -235,8 +235,8 @@ impl Ride<'_> {
                 // A rank may miss files of its own
                 let anew = self.comm.agree(candidate.surrogate.restore(&parts[part], &at))?;
                 *holds &= anew.is_none();
-                let told = anew.map(|why| format!("m4gn: {name}: {why}: its fit begins anew\n\n"));
-                self.log.text += &told.unwrap_or_default();
+                let note = anew.map(|why| format!("m4gn: {name}: {why}: its fit begins anew\n\n"));
+                self.log.text += &note.unwrap_or_default();
             } else {
                 // A fit whose states were not kept
                 *holds &= candidate.fit_control.is_none();

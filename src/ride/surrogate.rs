@@ -230,11 +230,11 @@ pub trait Fits {
     /// Fits the last snapshots; none where there are too few without a gap, or nothing varies.
     fn fit(&mut self) -> Option<FitReport>;
 
-    /// The times from now on, s, at which it has to be [told](Self::told) what is prescribed before it predicts the state so much later.
+    /// The times from now on, s, at which it has to [foresee](Self::foresee) what is prescribed before it predicts the state so much later.
     fn asks(&self, duration: f64) -> Vec<f64>;
 
     /// The prescribed arrays a time from now on, s. Collective.
-    fn told(&mut self, later: f64, values: &Values);
+    fn foresee(&mut self, later: f64, values: &Values);
 
     /// Drops the fit.
     fn drop_fit(&mut self);

@@ -105,7 +105,7 @@ impl Ride<'_> {
                 let name = &candidate.describe().name;
                 let why = match (&candidate.fit_control, candidate.surrogate.fits()) {
                     (Some(control), Some(fits)) => {
-                        control.said(fits.rules(), candidate.stride(), self.step.time)
+                        control.why_no_jump(fits.rules(), candidate.stride(), self.step.time)
                     }
                     _ => format!(
                         "{} strides beside the solver were measured, and {} jumps were not allowed",

@@ -143,16 +143,19 @@ mod tests {
     }
 
     fn steps(watch: &mut Watch, after: &[usize]) -> Option<Judgement> {
-        let said = after.iter().filter_map(|&made| watch.stepped("1.5", [made, 10]));
-        said.last()
+        let judgement = after.iter().filter_map(|&made| watch.stepped("1.5", [made, 10]));
+        judgement.last()
     }
 
     #[test]
     fn a_solver_that_does_not_stop_at_its_cap_is_let_be() {
         let mut watch = jumped(&[2, 9, 4], 7);
-        let said = steps(&mut watch, &[5, 6, 7, 8, 9]).unwrap();
-        assert!(said.note.contains("jump: 5 6 7 8 9; median of the steps before it: 4"), "{said:?}");
-        assert_eq!((watch.most("2", 7), said.warning), ((7, None), None));
+        let judgement = steps(&mut watch, &[5, 6, 7, 8, 9]).unwrap();
+        assert!(
+            judgement.note.contains("jump: 5 6 7 8 9; median of the steps before it: 4"),
+            "{judgement:?}"
+        );
+        assert_eq!((watch.most("2", 7), judgement.warning), ((7, None), None));
         assert_eq!(watch.summary(), Some((1, [4.0, 7.0], 0)));
         // The steps behind the fifth are again those before a jump.
         assert_eq!(steps(&mut watch, &[10, 10]), None);
@@ -161,17 +164,17 @@ mod tests {
     #[test]
     fn one_that_does_makes_the_next_jumps_shorter_until_there_are_none() {
         let mut watch = jumped(&[4], 3);
-        let said = steps(&mut watch, &[4, 4, 10, 4, 4]).unwrap();
-        assert!(said.note.contains("a jump of 3 steps: the next jumps have 1 at most"), "{said:?}");
+        let judgement = steps(&mut watch, &[4, 4, 10, 4, 4]).unwrap();
+        assert!(judgement.note.contains("a jump of 3 steps: the next jumps have 1 at most"), "{judgement:?}");
         assert_eq!(watch.most("2", 7), (1, None));
         watch.handed_back(1);
-        let (most, said) = {
+        let (most, judgement) = {
             watch.stepped("2.5", [10, 10]);
             watch.most("2.6", 7)
         };
         // Judged by one step, since the next jump comes at once.
         assert_eq!(most, 0);
-        let warning = said.unwrap().warning.unwrap();
+        let warning = judgement.unwrap().warning.unwrap();
         assert!(warning.contains("up to time 2.6, after a jump of one step"), "{warning}");
         assert_eq!(watch.summary(), Some((2, [4.0, (26.0 / 5.0 + 10.0) / 2.0], 2)));
     }

@@ -92,9 +92,9 @@ fn a_wave_that_dies_is_dropped_once_it_has_fallen_far_enough() {
         let noise: Vec<Vec<f64>> = (0..60).map(|k| (0..N).map(|i| noise(k, i)).collect()).collect();
         let looks: Vec<Look> =
             (22..=60).map(|end| settle.look(&window(&noise[end - Settle::STATES..end]))).collect();
-        let said = looks.iter().position(|look| look.kept.is_some()).unwrap();
-        assert_eq!((said + 1, looks[said].kept), (LOOKS, Some(kept)));
-        assert_eq!(looks[said].turn == Turn::Undo, !kept);
+        let decided = looks.iter().position(|look| look.kept.is_some()).unwrap();
+        assert_eq!((decided + 1, looks[decided].kept), (LOOKS, Some(kept)));
+        assert_eq!(looks[decided].turn == Turn::Undo, !kept);
     }
 }
 

@@ -134,11 +134,11 @@ impl Host {
                 continue;
             }
             let correctors = (!self.correctors.is_empty()).then(|| self.correctors.remove(0));
-            let told = Step { correctors, ..self.step() };
+            let step = Step { correctors, ..self.step() };
             let state = toy::of(self.state);
             // Without the state where it is not asked for.
-            let wanted = self.ride.wants(&told);
-            let answer = self.ride.solved(told, wanted.then_some(&view(&state)[..]))?;
+            let wanted = self.ride.wants(&step);
+            let answer = self.ride.solved(step, wanted.then_some(&view(&state)[..]))?;
             self.save();
             self.go_on(answer)?;
         }

@@ -46,8 +46,8 @@ fn errors_are_those_on_paper_and_the_run_is_the_solvers() {
     // The face that holds its value has the host's, the other its cell's.
     assert_eq!(boundary.borrow()[0], 9.0);
     assert!(host.ride.end().is_empty());
-    let said = host.ride.take(Text::Log);
-    assert!(said.contains("at 6 times") && said.contains("    a: one step 0.0"), "{said}");
+    let log = host.ride.take(Text::Log);
+    assert!(log.contains("at 6 times") && log.contains("    a: one step 0.0"), "{log}");
 }
 
 #[test]
@@ -79,14 +79,14 @@ fn control_tells_what_it_would_have_done() {
     assert!((rows[0][7] - 0.01 / larger).abs() < 1e-6 && (rows[0][8] - 0.01 / size).abs() < 1e-6, "{rows:?}");
     assert!((rows[1][8] - 0.02 / size).abs() < 1e-6, "{rows:?}");
     host.ride.end();
-    let said = host.ride.take(Text::Log);
-    assert!(said.contains("control would have let") && said.contains("within the tolerance 0.02"), "{said}");
+    let log = host.ride.take(Text::Log);
+    assert!(log.contains("control would have let") && log.contains("within the tolerance 0.02"), "{log}");
     // An observer ends no run, however bad the surrogate, and says how often it would not have let go.
     let mut host = Host::of(settings, Toy::new(0.5).biased(0.5), 8.0);
     host.run().unwrap();
     host.ride.end();
-    let said = host.ride.take(Text::Log);
-    assert!(said.contains("would have let 0 rollouts go"), "{said}");
+    let log = host.ride.take(Text::Log);
+    assert!(log.contains("would have let 0 rollouts go"), "{log}");
 }
 
 #[test]

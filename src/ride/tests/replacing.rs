@@ -92,8 +92,8 @@ fn a_state_that_is_reported_again_counts_once() {
     let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 1,
         "quantities": [{"object": "probe", "result": "first", "tolerance": 0.05}]}"#;
     let mut r = ride(settings, Some(Toy::new(0.5))).unwrap();
-    let (given, mut next) = (toy::of([1.0, 2.0]), toy::of([1.0, 2.0]));
-    let state = view(&given);
+    let (fields, mut next) = (toy::of([1.0, 2.0]), toy::of([1.0, 2.0]));
+    let state = view(&fields);
     let step = |time: f64| at(time, 0.1, 9.0, (10.0 * time).round() as i64);
     assert_eq!(r.solved(step(1.0), Some(&state)).unwrap().action, Action::Stride);
     r.reported(&[1.0]).unwrap();
@@ -173,8 +173,8 @@ fn correctors_at_their_cap_make_jumps_shorter() {
 fn calls_out_of_turn_are_refused_by_name() {
     let mut r = ride(FIVE_TWO, Some(Toy::new(0.5))).unwrap();
     let error = |e: Error| e.to_string();
-    let given = toy::of([1.0, 2.0]);
-    let state = view(&given);
+    let fields = toy::of([1.0, 2.0]);
+    let state = view(&fields);
     assert!(error(r.stride(&mut []).unwrap_err()).contains("stride was called where solved"));
     let step = |time: f64| at(time, 0.1, 9.0, (10.0 * time).round() as i64);
     assert!(error(r.advanced(step(1.0), None).unwrap_err()).contains("advanced was called"));
@@ -191,7 +191,7 @@ fn calls_out_of_turn_are_refused_by_name() {
         error(r.load(std::path::Path::new("none"), step(1.0), &state).unwrap_err())
             .contains("before the first step")
     );
-    let mut next = given.clone();
+    let mut next = fields.clone();
     r.stride(&mut next.iter_mut().map(Vec::as_mut_slice).collect::<Vec<_>>()).unwrap();
     let early = error(r.save(std::path::Path::new("none")).unwrap_err());
     assert!(early.contains("save was called where advanced is due"), "{early}");

@@ -106,8 +106,8 @@ fn states_that_do_not_fit_are_refused_by_name_and_change_nothing() {
         "{other}"
     );
     let file = folder.path().join("2.1.state");
-    let given = toy::state(2.1);
-    let state = view(&given);
+    let fields = toy::state(2.1);
+    let state = view(&fields);
     let mut ride = from(settings, Some(Toy::new(0.5)), 3.0).unwrap();
     let late = ride.load(&file, at(3.0, 0.1, 9.0, 30), &state).unwrap_err().to_string();
     assert!(late.contains("the state at 2.1 s, and this run begins at 3 s"), "{late}");
