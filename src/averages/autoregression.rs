@@ -172,9 +172,9 @@ mod tests {
         assert!((found.freedom - 2.0 / (2.0 / 999.0 + of_a)).abs() < 1e-9, "{found:?}");
         let mut process = crate::processes::Process::new(crate::processes::Kind::Ar(0.6), 1, false);
         let values: Vec<f64> = (0..20_000).map(|_| process.next_row().1 - 2.0).collect();
-        let mut told = Vec::new();
-        burg(&values, 1.0, 2, |a, innovation| told.push((a.to_vec(), innovation)));
-        assert!((told[0].0[0] - 0.6).abs() < 0.02 && told[1].0[1].abs() < 0.02, "{told:?}");
-        assert!((told[0].1 - 0.64).abs() < 0.02, "{told:?}");
+        let mut orders = Vec::new();
+        burg(&values, 1.0, 2, |a, innovation| orders.push((a.to_vec(), innovation)));
+        assert!((orders[0].0[0] - 0.6).abs() < 0.02 && orders[1].0[1].abs() < 0.02, "{orders:?}");
+        assert!((orders[0].1 - 0.64).abs() < 0.02, "{orders:?}");
     }
 }

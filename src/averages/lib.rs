@@ -7,15 +7,15 @@ mod processes;
 pub mod saved;
 pub mod series;
 mod settling;
-mod shown;
 pub mod sine;
 pub mod spectrum;
 pub mod student;
 pub mod table;
+mod text;
 pub mod transient;
 pub mod watch;
 
 pub use estimate::{Estimate, estimate};
 pub use series::{Row, Series};
-pub use shown::with_half_width;
+pub use text::with_half_width;
 pub use watch::{Goal, Tolerance, Watch};

@@ -59,9 +59,9 @@ pub fn dominant(values: &[f64]) -> Option<Line> {
         surrogate: false,
     };
     // Means hide what is faster than they are
-    let told = group == 1 || found * (4 * group) as f64 <= n as f64;
+    let resolved = group == 1 || found * (4 * group) as f64 <= n as f64;
     let rows = || values.chunks(group).enumerate().map(row).collect::<Vec<_>>();
-    let periods = told.then(|| sine::refined(&rows(), found, 1.0)).flatten().unwrap_or(found);
+    let periods = resolved.then(|| sine::refined(&rows(), found, 1.0)).flatten().unwrap_or(found);
     let harmonics =
         [2.0, 3.0].map(|k| k * periods).into_iter().filter(|p| *p * per_period < length as f64 / 2.0);
     let share = (near(periods) + harmonics.map(near).sum::<f64>()) / total;

@@ -155,23 +155,23 @@ fn words(line: &str) -> impl Iterator<Item = (usize, &str)> {
 
 fn number((column, word): (usize, &str), line: usize) -> std::result::Result<f64, String> {
     let place = || format!("line {}, column {column}", line + 1);
-    let shown: String = word.chars().take(40).collect();
+    let excerpt: String = word.chars().take(40).collect();
     match word.parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
-        Ok(_) => Err(format!("{}: expected a finite number, found {shown}", place())),
-        Err(_) => Err(format!("{}: expected a number, found '{shown}'", place())),
+        Ok(_) => Err(format!("{}: expected a finite number, found {excerpt}", place())),
+        Err(_) => Err(format!("{}: expected a number, found '{excerpt}'", place())),
     }
 }
 
 fn unknown(name: &str, names: &[String]) -> String {
-    let shown: Vec<&str> = names.iter().take(40).map(String::as_str).collect();
-    let more = if names.len() > shown.len() { ", ..." } else { "" };
-    format!("expected a column {name}, found {}{more}", shown.join(", "))
+    let excerpt: Vec<&str> = names.iter().take(40).map(String::as_str).collect();
+    let more = if names.len() > excerpt.len() { ", ..." } else { "" };
+    format!("expected a column {name}, found {}{more}", excerpt.join(", "))
 }
 
 /// Names of the `count` columns behind the time, by a header's words, the first of which names the time.
 pub fn names(header: &str, count: usize) -> Vec<String> {
-    let mut given: Vec<String> = Vec::new();
+    let mut named: Vec<String> = Vec::new();
     let mut group = "";
     for word in header.split_whitespace().skip(1) {
         let (open, closed) = (word.matches('(').count(), word.matches(')').count());
@@ -184,18 +184,18 @@ pub fn names(header: &str, count: usize) -> Vec<String> {
             group = "";
         }
         if !rest.is_empty() {
-            given.push(if of.is_empty() { rest.into() } else { format!("{of}_{rest}") });
+            named.push(if of.is_empty() { rest.into() } else { format!("{of}_{rest}") });
         }
     }
-    let components: &[&str] = match count.checked_div(given.len()) {
+    let components: &[&str] = match count.checked_div(named.len()) {
         Some(3) => &["_x", "_y", "_z"],
         Some(6) => &["_xx", "_xy", "_xz", "_yy", "_yz", "_zz"],
         _ => &[""],
     };
-    if given.len() * components.len() != count {
+    if named.len() * components.len() != count {
         return (1..=count).map(|i| i.to_string()).collect();
     }
-    given.iter().flat_map(|n| components.iter().map(move |c| format!("{n}{c}"))).collect()
+    named.iter().flat_map(|n| components.iter().map(move |c| format!("{n}{c}"))).collect()
 }
 
 #[cfg(test)]

@@ -16,16 +16,16 @@ use std::ffi::c_char;
 /// The settings of the call that makes an object of this kind. `others` among them are names of entries that the host reads itself: one that is
 /// unknown may be meant for one of these.
 fn check(kind: &str, options: &str) -> Result<()> {
-    let mut given = settings::object(serde_json::from_str(options).unwrap_or_default());
-    let Some(others) = given.remove("others") else { return check_own(kind, options) };
+    let mut entries = settings::object(serde_json::from_str(options).unwrap_or_default());
+    let Some(others) = entries.remove("others") else { return check_own(kind, options) };
     let others: Vec<&str> = others.as_array().into_iter().flatten().filter_map(Value::as_str).collect();
-    let rest = Value::Object(given.clone()).to_string();
+    let rest = Value::Object(entries.clone()).to_string();
     check_own(kind, &rest).map_err(|error| {
         let unknown = |name: &&String| {
-            check_own(kind, &json!({ name.as_str(): given[*name] }).to_string()).is_err()
+            check_own(kind, &json!({ name.as_str(): entries[*name] }).to_string()).is_err()
                 && !others.contains(&name.as_str())
         };
-        let meant = given.keys().filter(unknown).map(|name| (name, settings::suggestion(name, &others)));
+        let meant = entries.keys().filter(unknown).map(|name| (name, settings::suggestion(name, &others)));
         match meant.into_iter().find(|(_, meant)| !meant.is_empty()) {
             Some((name, meant)) => Error::Input(format!("{name}: unknown entry{meant}")),
             None => error,

@@ -30,20 +30,20 @@ pub type AheadFunction = unsafe extern "C" fn(*mut c_void, f64, *const *mut f64)
 pub(super) unsafe fn layout(arrays: *const ArrayData, n: i32) -> Result<Layout> {
     let mut all = Vec::new();
     // SAFETY: passed on to the caller.
-    for given in unsafe { pointers::slice("arrays", arrays, pointers::count("n_arrays", n)?)? } {
+    for data in unsafe { pointers::slice("arrays", arrays, pointers::count("n_arrays", n)?)? } {
         // SAFETY: passed on to the caller.
-        let name = unsafe { pointers::text("arrays.name", given.name)? }.to_string();
+        let name = unsafe { pointers::text("arrays.name", data.name)? }.to_string();
         let bad = |what: &str, found: i64, expected: &str| {
             Error::Input(format!("array {name}: {what} {found}: expected {expected}"))
         };
-        let place = match given.place {
+        let place = match data.place {
             0 => Place::Cells,
             1 => Place::Points,
             2 => Place::Faces,
             3 => Place::Boundary,
             n => return Err(bad("place", n.into(), "M4GN_CELLS to M4GN_BOUNDARY")),
         };
-        let role = match given.role {
+        let role = match data.role {
             0 => Role::Solved,
             1 => Role::Follows,
             2 => Role::Carried,
@@ -52,16 +52,16 @@ pub(super) unsafe fn layout(arrays: *const ArrayData, n: i32) -> Result<Layout> 
             n => return Err(bad("role", n.into(), "M4GN_SOLVED to M4GN_HELD")),
         };
         let count = |what: &str, v: i64| usize::try_from(v).map_err(|_| bad(what, v, "0 or more"));
-        let items = count("n", given.n)?;
-        let components = count("components", given.components.into())?;
+        let items = count("n", data.n)?;
+        let components = count("components", data.components.into())?;
         let is_measured = matches!(role, Role::Solved | Role::Follows);
-        let solved = if is_measured { count("solved", given.solved.into())? } else { 0 };
-        let weights = match role == Role::Solved && !given.weights.is_null() {
+        let solved = if is_measured { count("solved", data.solved.into())? } else { 0 };
+        let weights = match role == Role::Solved && !data.weights.is_null() {
             // SAFETY: passed on to the caller.
-            true => unsafe { pointers::slice("arrays.weights", given.weights, items)? }.to_vec(),
+            true => unsafe { pointers::slice("arrays.weights", data.weights, items)? }.to_vec(),
             false => Vec::new(),
         };
-        let floor = (given.floor != f64::NEG_INFINITY).then_some(given.floor);
+        let floor = (data.floor != f64::NEG_INFINITY).then_some(data.floor);
         all.push(Array { name, place, role, components, solved, items, floor, weights });
     }
     Layout::new(all)
@@ -77,8 +77,8 @@ pub(super) unsafe fn read<'a>(layout: &Layout, state: *const *const f64) -> Resu
     }
     let arrays = layout.arrays();
     // SAFETY: passed on to the caller.
-    let given = unsafe { pointers::slice("state", state, arrays.len())? };
-    let pairs = given.iter().zip(arrays);
+    let values = unsafe { pointers::slice("state", state, arrays.len())? };
+    let pairs = values.iter().zip(arrays);
     // SAFETY: passed on to the caller.
     let all = pairs.map(|(&values, array)| unsafe { pointers::slice(&array.name, values, array.numbers()) });
     all.collect::<Result<_>>().map(Some)
@@ -91,8 +91,8 @@ pub(super) unsafe fn read<'a>(layout: &Layout, state: *const *const f64) -> Resu
 pub(super) unsafe fn places<'a>(layout: &Layout, next: *const *mut f64) -> Result<Vec<&'a mut [f64]>> {
     let arrays = layout.arrays();
     // SAFETY: passed on to the caller.
-    let given = unsafe { pointers::slice("next", next, arrays.len())? };
-    let pairs = given.iter().zip(arrays);
+    let values = unsafe { pointers::slice("next", next, arrays.len())? };
+    let pairs = values.iter().zip(arrays);
     let place = |(&values, array): (&*mut f64, &Array)| match array.role {
         Role::Prescribed | Role::Held => Ok(&mut [][..]),
         // SAFETY: passed on to the caller; no two are the same.

@@ -34,18 +34,14 @@ pub(super) struct UserSurrogate {
 impl UserSurrogate {
     /// # Safety
     /// Pointers must be what `m4gn.h` says, and function and data remain so while the surrogate lives.
-    pub unsafe fn new(given: *const SurrogateData, comm: Comm, layout: &Layout) -> Result<Self> {
+    pub unsafe fn new(own: *const SurrogateData, comm: Comm, layout: &Layout) -> Result<Self> {
         // SAFETY: passed on to the caller.
-        let (given, name, names) = unsafe {
-            let given = pointers::reference("own", given)?;
-            let n = pointers::count("own.n_fields", given.n_fields)?;
-            let names = pointers::slice("own.fields", given.fields, n)?;
+        let (own, name, names) = unsafe {
+            let own = pointers::reference("own", own)?;
+            let n = pointers::count("own.n_fields", own.n_fields)?;
+            let names = pointers::slice("own.fields", own.fields, n)?;
             let text = |&name: &*const c_char| pointers::text("own.fields", name);
-            (
-                given,
-                pointers::text("own.name", given.name)?,
-                names.iter().map(text).collect::<Result<Vec<_>>>()?,
-            )
+            (own, pointers::text("own.name", own.name)?, names.iter().map(text).collect::<Result<Vec<_>>>()?)
         };
         let mut advances = Vec::new();
         for field in &names {
@@ -56,26 +52,26 @@ impl UserSurrogate {
                 ))
             })?);
         }
-        if advances.is_empty() || !(given.stride.is_finite() && given.stride > 0.0) {
+        if advances.is_empty() || !(own.stride.is_finite() && own.stride > 0.0) {
             return Err(Error::Input(format!(
                 "own: expected at least one field and a stride above 0, found {} and {} s",
                 advances.len(),
-                given.stride
+                own.stride
             )));
         }
         let step =
-            given.step.ok_or_else(|| Error::Input("own.step: expected a function, found null".into()))?;
+            own.step.ok_or_else(|| Error::Input("own.step: expected a function, found null".into()))?;
         let description = Description {
             name: name.to_string(),
             source: name.to_string(),
-            digest: format!("{name} {:?} {names:?}", given.stride),
-            stride: given.stride,
+            digest: format!("{name} {:?} {names:?}", own.stride),
+            stride: own.stride,
             reads: (0..layout.arrays().len()).collect(),
             growth: vec![Growth::Unknown; advances.len()],
             advances,
             ..Description::default()
         };
-        Ok(UserSurrogate { comm, description, step, data: given.data })
+        Ok(UserSurrogate { comm, description, step, data: own.data })
     }
 
     /// What all ranks must be given alike.

@@ -5,15 +5,15 @@ use crate::estimate::Estimate;
 impl Estimate {
     /// The mean in one line: `Cd 2.803 +- 0.012 (95 %), transient to 2.4 s, 41 independent samples`.
     pub fn line(&self, name: &str, confidence: f64) -> String {
-        self.told(name, (self.mean, self.half_width), confidence)
+        self.line_of(name, (self.mean, self.half_width), confidence)
     }
 
     /// The rms of the fluctuations in one line.
     pub fn rms_line(&self, name: &str, confidence: f64) -> String {
-        self.told(&format!("{name} rms"), (self.rms, self.rms_half_width), confidence)
+        self.line_of(&format!("{name} rms"), (self.rms, self.rms_half_width), confidence)
     }
 
-    fn told(&self, name: &str, (value, half_width): (f64, f64), confidence: f64) -> String {
+    fn line_of(&self, name: &str, (value, half_width): (f64, f64), confidence: f64) -> String {
         let rests_on = match self.periods.filter(|_| self.periodic) {
             Some(periods) => format!("{periods} periods"),
             None => format!("{:.0} independent samples", self.independent_samples),
