@@ -55,13 +55,20 @@ pub(crate) enum Phase {
     HandingBack(Jump),
 }
 
+impl Phase {
+    /// The jump that is going on.
+    pub fn jump(&self) -> Option<&Jump> {
+        match self {
+            Phase::Jumping(jump) | Phase::Advancing(jump) | Phase::HandingBack(jump) => Some(jump),
+            Phase::Solving => None,
+        }
+    }
+}
+
 impl Ride<'_> {
     /// An answer with what is known anywhere.
     pub(crate) fn answer(&self, action: Action) -> Answer {
-        let jump = match &self.phase {
-            Phase::Jumping(jump) | Phase::Advancing(jump) | Phase::HandingBack(jump) => Some(jump),
-            Phase::Solving => None,
-        };
+        let jump = self.phase.jump();
         let jumper = jump.map(|jump| self.candidates[jump.surrogate].describe());
         Answer {
             action,

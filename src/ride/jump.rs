@@ -260,7 +260,7 @@ impl Ride<'_> {
     /// # Errors
     /// [`Error::Input`] outside of a jump, and for a surrogate that is no fit.
     pub fn old_level(&self, before: f64, out: &mut [&mut [f64]]) -> Result<()> {
-        let (Phase::Advancing(jump) | Phase::Jumping(jump) | Phase::HandingBack(jump)) = &self.phase else {
+        let Some(jump) = self.phase.jump() else {
             return Err(self.out_of_turn("old_level"));
         };
         let surrogate = &self.candidates[jump.surrogate].surrogate;

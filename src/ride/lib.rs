@@ -10,6 +10,7 @@ mod candidate;
 mod choice;
 mod conditions;
 pub mod control;
+mod control_settings;
 mod decisions;
 mod dmd;
 mod dmd_settings;

@@ -138,10 +138,7 @@ impl Ride<'_> {
                 shadow: begun,
             });
         }
-        let jump = match &self.phase {
-            Phase::Jumping(jump) | Phase::Advancing(jump) | Phase::HandingBack(jump) => Some(jump),
-            Phase::Solving => None,
-        };
+        let jump = self.phase.jump();
         let description = Description {
             ranks: self.comm.size(),
             rows: self.rows,
@@ -346,22 +343,21 @@ impl Ride<'_> {
                 found.time, step.time
             )));
         }
-        let rows = self.rows;
         let usable = found.delta_t.is_finite()
             && found.delta_t > 0.0
             && found.left >= -1
             && found.gone.is_finite()
             && found.gone >= 0.0
             && found.since >= 0;
-        if rows != found.rows
+        if self.rows != found.rows
             || !usable
             || found.jumper >= self.candidates.len()
             || found.totals.last >= self.candidates.len()
             || found.totals.by.len() > self.candidates.len()
         {
             return Err(file(format!(
-                "it is the state of a run on {} cells, and this mesh has {rows}",
-                found.rows
+                "it is the state of a run on {} cells, and this mesh has {}",
+                found.rows, self.rows
             )));
         }
         let mut shadows = Vec::new();
@@ -382,7 +378,7 @@ impl Ride<'_> {
                         let field = &stride[i % n];
                         let part = parts.get(begun.part + i);
                         let part = part.ok_or_else(|| file("a part of it is missing".into()))?;
-                        let whole = restart::values_of(part, rows * field.components)
+                        let whole = restart::values_of(part, self.rows * field.components)
                             .map_err(|e| file(e.to_string()))?;
                         values.push(self.own(&whole, field.components));
                     }
