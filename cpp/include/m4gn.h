@@ -543,7 +543,8 @@ int32_t m4gn_ride_advanced(
 int32_t m4gn_ride_old_level(const m4gn_ride* ride, double before, double* const* arrays);
 
 /* With the setting quantities: what they are after the present state, in their order, NAN where there is none. Behind m4gn_ride_solved,
- * and after m4gn_ride_advanced. The same on all ranks. */
+ * and after m4gn_ride_advanced; behind m4gn_ride_load too, where the state was saved before they were reported. What is reported again of a
+ * state does not count. The same on all ranks. */
 int32_t m4gn_ride_reported(m4gn_ride* ride, const double* values, int32_t n_values);
 
 /* Wall time since the last such call that went into strides and into handing over, s. */

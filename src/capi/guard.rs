@@ -12,6 +12,11 @@ thread_local! {
     static LAST_ERROR: RefCell<CString> = RefCell::default();
 }
 
+/// What a count is after a failure.
+pub fn no_count(_: i32) -> i32 {
+    -1
+}
+
 /// Runs the body of export `name`; an error or a panic is kept and becomes `failed(status)`.
 pub fn enter<T>(name: &str, failed: impl FnOnce(i32) -> T, body: impl FnOnce() -> Result<T>) -> T {
     // Unwind safety: after a panic the handle is only good to be freed, and says so (status < 0).

@@ -1,6 +1,6 @@
 //! Exports: segments of a mesh without a model, and their way to ranks.
 
-use super::guard;
+use super::guard::{self, no_count};
 use super::model::ModelHandle;
 use super::pointers::{self, MeshData};
 use m4gn_base::settings;
@@ -147,10 +147,6 @@ fn cut(comm: &Comm, mesh: &Mesh, spec: &SegmentSpec, request: &Request) -> Resul
         modes: modes.unwrap_or(Modes { eigenvalues: Vec::new(), vectors: Vec::new() }),
         n_cells: mesh.n_cells(),
     })
-}
-
-pub(super) fn no_count(_: i32) -> i32 {
-    -1
 }
 
 exports! {

@@ -1,6 +1,6 @@
 //! Exports: the surrogate.
 
-use super::guard;
+use super::guard::{self, no_count};
 use super::model::ModelHandle;
 use super::pointers::{self, MeshData};
 use m4gn_base::{Error, Result};
@@ -157,11 +157,6 @@ impl SessionHandle {
         }
         Ok(())
     }
-}
-
-/// What a getter returns after a failure, where it does not return a status.
-fn no_count(_: i32) -> i32 {
-    -1
 }
 
 exports! {
