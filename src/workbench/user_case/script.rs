@@ -15,18 +15,60 @@ pub(crate) struct Commands {
 const OF_SCRIPTS: [&str; 9] =
     ["#", "cd ", "cd\t", ". ", "source ", "application=", "set ", "exit", "./Allrun.pre"];
 
+/// What may be done, or several times, and where it ends.
+const OPENS: [&str; 5] = ["if", "for", "while", "until", "case"];
+const CLOSES: [&str; 3] = ["fi", "done", "esac"];
+
+/// Lines within that are no commands.
+const BETWEEN: [&str; 3] = ["then", "else", "do"];
+
 /// First fields of a case that are kept for its start.
 pub(crate) const ORIGINAL: &str = "0.orig";
 
 /// The commands of a script up to the solver `application`. `original`: whether the case has [`ORIGINAL`], without which restore0Dir does nothing.
 pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Commands {
     let mut found = Commands::default();
+    let mut depth = 0_usize;
     // A line that goes on is one
     for line in script.replace("\\\n", " ").lines().map(str::trim) {
         let all = words(line);
         let mut words: Vec<&str> =
             all.iter().map(String::as_str).take_while(|w| !w.starts_with(['#', '>'])).collect();
         let Some(&first) = words.first() else { continue };
+        // solids4foam has its own of the same names
+        let first = first.strip_prefix("solids4Foam::").unwrap_or(first).trim_end_matches(';');
+        let runs = ["runApplication", "runParallel"].contains(&first);
+        if runs {
+            words.remove(0);
+        }
+        while let Some(option) = words.first().filter(|w| runs && w.starts_with('-')).copied() {
+            let value = ["-s", "-suffix", "-n", "-np", "-decomposeParDict"].contains(&option);
+            words.drain(..(1 + usize::from(value)).min(words.len()));
+        }
+        let program = words.first().copied().unwrap_or_default();
+        if runs
+            && (program.contains("getApplication")
+                || program.contains("$application")
+                || program.contains("${application")
+                || program == application)
+        {
+            found.parallel |= depth == 0 && first == "runParallel";
+            break;
+        }
+        let closes = |word: &&str| CLOSES.contains(&word.trim_end_matches(';'));
+        let opens = OPENS.contains(&first);
+        if CLOSES.contains(&first) {
+            depth = depth.saturating_sub(1);
+            continue;
+        } else if opens && !words.iter().any(closes) {
+            depth += 1;
+        }
+        if depth > 0 || opens {
+            if !BETWEEN.contains(&line) {
+                found.unknown.push(line.to_string());
+            }
+            continue;
+        }
         if first == "restore0Dir" {
             if original {
                 found.prepare.push(["cp", "-rT", ORIGINAL, "0"].map(String::from).into());
@@ -38,25 +80,11 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
             found.prepare.push(["cp"].iter().chain(&words[1..]).map(|w| w.to_string()).collect());
             continue;
         }
-        if !["runApplication", "runParallel"].contains(&first) {
+        if !runs || words.iter().any(|word| word.contains('$')) {
             if !OF_SCRIPTS.iter().any(|begin| line.starts_with(begin)) {
                 found.unknown.push(line.to_string());
             }
             continue;
-        }
-        words.remove(0);
-        while let Some(option) = words.first().filter(|w| w.starts_with('-')).copied() {
-            let value = ["-s", "-suffix", "-n", "-np", "-decomposeParDict"].contains(&option);
-            words.drain(..(1 + usize::from(value)).min(words.len()));
-        }
-        let program = words.first().copied().unwrap_or_default();
-        if program.contains("getApplication")
-            || program.contains("$application")
-            || program.contains("${application")
-            || program == application
-        {
-            found.parallel |= first == "runParallel";
-            break;
         }
         match program {
             "decomposePar" | "" => found.parallel |= program == "decomposePar",
@@ -111,5 +139,18 @@ mod tests {
         );
         assert_eq!(quoted.prepare, [["transformPoints", "-scale", "(2 1 1)"]]);
         assert!(!of_script("runApplication icoFoam\nrunApplication foamToVTK\n", "icoFoam", true).parallel);
+    }
+
+    #[test]
+    fn what_may_be_done_or_several_times_is_left_out() {
+        let script = "solids4Foam::runApplication blockMesh\nif [ \"$1\" = foam ]; then mirrorMesh; fi\nif [ \"$coupling\" = true ]\nthen\n    \
+                      runApplication changeDictionary\nfi\nfor i in 1 2\ndo\n    runApplication -s $i refineMesh -dict system/refine.$i\ndone\n\
+                      runApplication setFields\nif [ \"$1\" = parallel ]\nthen\n    runApplication decomposePar\n    \
+                      solids4Foam::runParallel icoFoam\nfi\nrunApplication foamToVTK\n";
+        let found = of_script(script, "icoFoam", true);
+        assert_eq!(found.prepare, [["blockMesh"], ["setFields"]]);
+        assert!(!found.parallel, "it is serial by default");
+        assert_eq!(found.unknown.len(), 7, "{:?}", found.unknown);
+        assert!(found.unknown.contains(&"runApplication changeDictionary".to_string()));
     }
 }
