@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 /// Compare two finished OpenFOAM runs of the same case: fields, forces, shedding frequency, wall time.
 ///
-/// Reads the cases with OpenFOAM's own libraries: ASCII, binary, compressed; a decomposed run needs no reconstructPar.
+/// Reads the cases with OpenFOAM's own libraries: ASCII, binary, compressed; a decomposed run needs no reconstructPar, unless it is collated.
 /// Of a case with a displacement D and no pressure p, the displacement, the motion of one cell, its frequency and the reaction
 /// force on a patch are compared. Errors of the fields count from the time at which the surrogate of CASE_B took over, over all common stored times.
 /// First come the times of the whole runs, with start-up and loading, over the simulated time that the logs of both

@@ -3,7 +3,9 @@
 use super::mapping::Mapping;
 use super::motion::place;
 use crate::foam_case::FoamCase;
+use crate::user_case::is_collated;
 use m4gn_base::{Error, Result};
+use std::path::Path;
 
 /// How values of B become values at the cells of A: with `interpolate` also where the meshes differ.
 ///
@@ -63,11 +65,15 @@ pub fn common_times(a: &FoamCase, b: &FoamCase, takeover: Option<f64>) -> Result
     let time = |p: &(usize, usize)| a.description().times[p.0];
     let name = |case: &FoamCase| {
         let d = case.description();
+        let hint = match is_collated(Path::new(&d.path)) {
+            true => " (those of its ranks are in one folder, collated: run reconstructPar before)",
+            false => "",
+        };
         match (d.times.first(), d.times.last()) {
             (Some(first), Some(last)) => {
-                format!("{} has {} times, {first} to {last} s", d.path, d.times.len())
+                format!("{} has {} times, {first} to {last} s{hint}", d.path, d.times.len())
             }
-            _ => format!("{} has no stored times", d.path),
+            _ => format!("{} has no stored times{hint}", d.path),
         }
     };
     let none = || Error::Input(format!("fewer than two common times to compare: {}, {}", name(a), name(b)));

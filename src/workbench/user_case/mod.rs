@@ -108,6 +108,14 @@ pub(crate) fn times(folder: &Path) -> Result<Vec<(String, f64)>> {
     Ok(found)
 }
 
+/// Whether a case's last times are in one folder of all ranks (collated), where the bridge does not look.
+pub(crate) fn is_collated(case: &Path) -> bool {
+    let last = |folder: &Path| times(folder).ok()?.pop().map(|t| t.1);
+    let own = last(case);
+    let of_all = |name: &String| name.starts_with("processors") && last(&case.join(name)) > own;
+    !case.join("processor0").is_dir() && names(case).unwrap_or_default().iter().any(of_all)
+}
+
 /// Copies a file, or a folder with all that is in it, programs as programs. Links become what they lead to; those that lead nowhere or back to where
 /// they are, pipes and devices are left out.
 pub(crate) fn copy_all(from: &Path, to: &Path) -> Result<()> {
@@ -187,6 +195,17 @@ mod tests {
         assert!(!has_mesh(dir.path()));
         fs::write(mesh.join("faces.gz"), "").unwrap();
         assert!(has_mesh(dir.path()));
+    }
+
+    #[test]
+    fn times_of_all_ranks_may_be_in_one_folder() {
+        let dir = tempfile::tempdir().unwrap();
+        for folder in ["0", "processors2/0", "processors2/0.5"] {
+            fs::create_dir_all(dir.path().join(folder)).unwrap();
+        }
+        assert!(is_collated(dir.path()));
+        fs::create_dir(dir.path().join("0.5")).unwrap();
+        assert!(!is_collated(dir.path()), "they are reconstructed");
     }
 
     #[test]

@@ -12,7 +12,7 @@ pub use report::{Report, Verified};
 use crate::foam_case::FoamCase;
 use crate::generate::openfoam::{lies_in, plain_path, scratch, surroundings};
 use crate::generate::queue::in_parallel;
-use crate::user_case::{Copy, LEFT_OUT, copy_all, names};
+use crate::user_case::{Copy, LEFT_OUT, copy_all, is_collated, names};
 use jumps::Stretch;
 use m4gn_base::{Error, Result};
 use solver::Run;
@@ -57,7 +57,7 @@ pub fn run(plan: &Plan, mut progress: impl FnMut(usize, usize)) -> Result<Report
         jumps::jumps(&decisions)?.into_iter().map(|jump| Verified { jump, ..Verified::default() }).collect();
     let mut run = FoamCase::open(&case)?;
     let ranks = run.description().processors;
-    if ranks > 0 && !case.join("processor0").is_dir() {
+    if is_collated(&case) {
         return Err(Error::file(
             &case,
             "its ranks' times are in one folder (collated): run reconstructPar before",
