@@ -99,6 +99,26 @@ fn forces_on_a_closed_body() {
 }
 
 #[test]
+fn each_of_two_open_cases_includes_its_own_files() {
+    let _alone = alone();
+    let dirs = [TempDir::new().unwrap(), TempDir::new().unwrap()];
+    let mut cases = Vec::new();
+    for (dir, nu) in dirs.iter().zip([0.25, 0.5]) {
+        cube(dir.path(), false, "patch");
+        fs::write(dir.path().join("system/fluid"), format!("nu {nu};")).unwrap();
+        put(dir.path(), "constant/transportProperties", "dictionary", "#include \"<system>/fluid\"\n");
+        // As above: the force is four times the viscosity
+        let ends = "inlet{type fixedValue; value uniform (1 0 0);} outlet{type zeroGradient;}";
+        let walls = format!("{ends} sides{{type slip;}} body{{type noSlip;}}");
+        field(dir.path(), "1", "U", ["(1 0 0)", "(1 0 0)"], &walls);
+        field(dir.path(), "1", "p", ["0", "0"], "\".*\"{type zeroGradient;}");
+        cases.push(open(dir.path()).unwrap());
+    }
+    let forces: Vec<f64> = cases.iter_mut().map(|c| c.force("body", 0).unwrap().viscous[0]).collect();
+    assert!((forces[0] - 1.0).abs() < 1e-12 && (forces[1] - 2.0).abs() < 1e-12, "{forces:?}");
+}
+
+#[test]
 fn openfoams_own_messages_become_errors() {
     let _alone = alone();
     let message = |e: m4gn_base::Result<FoamCase>| e.err().expect("an error").to_string();

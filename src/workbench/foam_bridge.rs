@@ -8,7 +8,7 @@ use m4gn_mesh::ffi::host::{self, MeshData, SolidData};
 use m4gn_modes::fem::HostBody;
 use std::{
     ffi::{CStr, c_char, c_void},
-    path::Path,
+    path::{Path, PathBuf},
     ptr,
     sync::OnceLock,
 };
@@ -104,25 +104,30 @@ fn tidy(message: &str) -> String {
 pub struct CaseHandle {
     bridge: &'static FoamBridge,
     handle: *mut c_void,
+    folder: PathBuf,
 }
 
 impl CaseHandle {
     /// Opens the case in `folder`.
     pub fn open(bridge: &'static FoamBridge, folder: &Path) -> Result<Self> {
         let path = c_string(&folder.to_string_lossy())?;
-        let mut handle = ptr::null_mut();
-        if let Ok(whole) = std::path::absolute(folder) {
-            // What `#include "<system>/NAME"` and `$FOAM_CASE` of the case's files stand for.
-            // SAFETY: a command opens one case at a time; its other threads read the environment through Rust, which locks it.
-            unsafe { std::env::set_var("FOAM_CASE", whole) };
-        }
+        let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_path_buf());
+        let mut case = CaseHandle { bridge, handle: ptr::null_mut(), folder };
+        case.enter();
         // SAFETY: a C string and a place for a pointer, both alive through the call.
-        bridge.check(unsafe { (bridge.open)(path.as_ptr(), &mut handle) })?;
-        Ok(CaseHandle { bridge, handle })
+        bridge.check(unsafe { (bridge.open)(path.as_ptr(), &mut case.handle) })?;
+        Ok(case)
+    }
+
+    /// Has `#include "<system>/NAME"` and `$FOAM_CASE` of files stand for this case, of several that are open.
+    fn enter(&self) {
+        // SAFETY: OpenFOAM has one thread; the others read the environment through Rust, which locks it.
+        unsafe { std::env::set_var("FOAM_CASE", &self.folder) };
     }
 
     /// The description as JSON.
     pub fn describe(&mut self) -> Result<String> {
+        self.enter();
         let mut json = ptr::null();
         // SAFETY: an open case and a place for a pointer.
         let status = unsafe { (self.bridge.describe)(self.handle, &mut json) };
@@ -133,6 +138,7 @@ impl CaseHandle {
 
     /// The answer to a query.
     pub fn query(&mut self, request: &serde_json::Value) -> Result<Vec<f64>> {
+        self.enter();
         let request = c_string(&request.to_string())?;
         let (mut data, mut count) = (ptr::null(), 0);
         // SAFETY: an open case, a C string and places for the answer.
@@ -148,6 +154,7 @@ impl CaseHandle {
     /// The mesh as the function objects hand it over, and the elastic body of a solid whose material is known.
     /// `node_types`: pairs of patch or group and node type.
     pub fn mesh(&mut self, node_types: &serde_json::Value) -> Result<(Mesh, Option<HostBody>)> {
+        self.enter();
         let request = c_string(&node_types.to_string())?;
         let (mut mesh, mut body) = (ptr::null(), ptr::null());
         // SAFETY: an open case, a C string and places for the answer.
@@ -166,6 +173,7 @@ impl CaseHandle {
 
     /// Writes fields, all of them or none.
     pub fn write(&mut self, request: &serde_json::Value, values: &[f64]) -> Result<()> {
+        self.enter();
         let request = c_string(&request.to_string())?;
         // SAFETY: an open case, a C string and as many doubles as are counted.
         let status =
