@@ -99,6 +99,30 @@ fn a_temperature_is_compared_where_both_runs_have_it() {
     assert!(text.contains("hybrid [T]"), "{text}");
 }
 
+/// Of heat conduction, by the temperatures above.
+#[test]
+fn a_temperature_comes_first_where_there_is_no_velocity() {
+    let (dir, a, b) = two_runs();
+    let json = dir.path().join("c.json").to_str().unwrap().to_string();
+    for (case, values) in [(&a, [300, 301, 302]), (&b, [300, 302, 302])] {
+        for (i, value) in values.iter().enumerate() {
+            let (time, value) = ((i + 1).to_string(), value.to_string());
+            let boundary = "\".*\"{type zeroGradient;} sides{type empty;}";
+            field(Path::new(case), &time, "T", [&value, &value], boundary);
+            fs::remove_file(Path::new(case).join(&time).join("U")).unwrap();
+        }
+    }
+    let run = m4gn(&["compare", &a, &b, "--json", &json]);
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let found = figures(&json);
+    for (horizon, value) in [1.0, 0.5_f64.sqrt()].into_iter().enumerate() {
+        assert!((found["temperature_rmse"][horizon].as_f64().unwrap() - value).abs() < 1e-9, "{found}");
+    }
+    assert!(found["fields"]["T"].is_null() && found["fields"]["p"].is_object(), "{found}");
+    let text = String::from_utf8_lossy(&run.stdout);
+    assert!(text.contains("hybrid [T, K]"), "{text}");
+}
+
 /// The pressure on the upper faces of the body goes up and down by `swing`, and the lift with it, in ten times.
 fn lifted(case: &Path, swing: f64) {
     for time in 1..=10 {

@@ -11,7 +11,8 @@ use std::path::PathBuf;
 /// Of a case with a displacement D and no pressure p, the displacement, the motion of one cell, its frequency and the reaction
 /// force on a patch are compared. Errors of the fields count from the time at which the surrogate of CASE_B took over, over all common stored times.
 /// First come the times of the whole runs, with start-up and loading, over the simulated time that the logs of both
-/// have, then those after the takeover; a log without 'End' counts for nothing.
+/// have, then those after the takeover; a log without 'End' counts for nothing. Where there is no velocity U, the temperature T
+/// is compared in its place.
 #[derive(clap::Args, Debug)]
 pub struct Args {
     /// Folder of the full run, the reference.

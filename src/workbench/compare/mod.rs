@@ -2,7 +2,8 @@
 //!
 //! Errors are root mean squares over cells and solved components, unweighted ([`crate::errors`]); over a horizon also over its
 //! stored times, as the paper's RMSE-1, RMSE-50 (50 stored times) and RMSE-all. The headline is the velocity of a flow, the
-//! displacement of a solid; the other fields that a surrogate may predict are compared where both runs stored them. Errors count
+//! displacement of a solid, the temperature of what has neither; the other fields that a surrogate may predict are compared where both runs stored
+//! them. Errors count
 //! from the takeover, the last time that the solver had computed before the surrogate first acted. "Hold last" keeps the full
 //! run's field of that time. Of flows drag and lift are compared ([`forces`]), of solids the motion of a cell ([`motion`]) and
 //! the force on a patch ([`reaction`]).
@@ -30,6 +31,7 @@ use crate::foam_case::{Description, FoamCase, Patch};
 use forces::{Forces, Reference};
 use m4gn_base::{Error, Result};
 use m4gn_report::Snapshot;
+use mapping::Mapping;
 use motion::Motion;
 use pairing::{common_times, mapping};
 use reaction::Reaction;
@@ -72,7 +74,10 @@ pub struct Comparison {
     pub takeover: f64,
     /// Common times after the takeover, s.
     pub times: Vec<f64>,
-    /// Errors of the velocity, m/s, or of a solid's displacement, m.
+    /// What is compared first: the velocity U; a solid's displacement D; the temperature T where there is no velocity.
+    #[serde(skip)]
+    pub field: &'static str,
+    /// Its errors.
     #[serde(skip)]
     pub headline: FieldErrors,
     /// What is left of the headline's error at the last time where a shift in time is taken out; none: the full run does not repeat itself.
@@ -154,14 +159,20 @@ pub fn compare(
         }
         _ => None,
     };
-    let name = if solid { "D" } else { "U" };
-    let mut headline = Track::new(components(&a.vector_field(name, hold.0)?, &directions));
-    let mut others = other_fields(a, b, solid, hold, &pairs)?;
+    let last = pairs[pairs.len() - 1].0;
+    let name = match (solid, a.has_field("U", last)? || !a.has_field("T", last)?) {
+        (true, _) => "D",
+        (false, true) => "U",
+        (false, false) => "T",
+    };
+    let n = if name == "T" { 1 } else { directions.len() };
+    let mut headline = Track::new(values(a, (name, hold.0), &Mapping::Same, &directions)?);
+    let mut others = other_fields(a, b, name, hold, &pairs)?;
     let kept = choose(pairs.len(), if solid { 0 } else { options.snapshots });
     let (mut snapshots, mut displacements) = (Vec::new(), motion::Fields::default());
     for (done, &(i, j)) in pairs.iter().enumerate() {
-        let (fa, fb) = (a.vector_field(name, i)?, mapping.vector(b.vector_field(name, j)?));
-        let (va, vb) = (components(&fa, &directions), components(&fb, &directions));
+        let va = values(a, (name, i), &Mapping::Same, &directions)?;
+        let vb = values(b, (name, j), &mapping, &directions)?;
         headline.add(&va, &vb);
         for (name, track) in &mut others {
             let other = mapping.scalar(b.scalar_field(name, j)?);
@@ -176,11 +187,11 @@ pub fn compare(
             reaction.add(a, b, (i, j))?;
         }
         if kept.contains(&done) {
-            snapshots.push(Snapshot::new(times[done], &va, &vb, directions.len()));
+            snapshots.push(Snapshot::new(times[done], &va, &vb, n));
         }
         if solid {
-            displacements[0].push(fa);
-            displacements[1].push(fb);
+            displacements[0].push(a.vector_field(name, i)?);
+            displacements[1].push(b.vector_field(name, j)?);
         }
         progress(done + 1, pairs.len());
     }
@@ -198,9 +209,9 @@ pub fn compare(
     let phase_free = match (period.map(|frequency| 1.0 / frequency), pairs.last()) {
         (Some(period), Some(&(_, last))) => {
             let from = times.partition_point(|t| *t < times[times.len() - 1] - phase::PERIODS * period);
-            let of_a = pairs[from..].iter().map(|p| Ok(components(&a.vector_field(name, p.0)?, &directions)));
+            let of_a = pairs[from..].iter().map(|p| values(a, (name, p.0), &Mapping::Same, &directions));
             let fields = of_a.collect::<Result<Vec<_>>>()?;
-            let found = components(&mapping.vector(b.vector_field(name, last)?), &directions);
+            let found = values(b, (name, last), &mapping, &directions)?;
             phase::nearest(&times[from..], &fields, &found, period)
         }
         _ => None,
@@ -211,6 +222,7 @@ pub fn compare(
         cells: a.description().cells,
         cells_b: b.description().cells,
         takeover,
+        field: name,
         headline,
         fields: others.iter().map(|(n, t)| (n.to_string(), t.finish())).collect(),
         forces,
@@ -257,16 +269,16 @@ impl Options {
     }
 }
 
-/// The scalar fields that both runs of a flow have at all times.
+/// The scalar fields, but for the one that is compared first, that both runs of a flow have at all times.
 fn other_fields(
     a: &mut FoamCase,
     b: &mut FoamCase,
-    solid: bool,
+    first: &str,
     hold: (usize, usize),
     pairs: &[(usize, usize)],
 ) -> Result<Vec<(&'static str, Track)>> {
     let mut tracks = Vec::new();
-    for name in SCALARS.into_iter().filter(|_| !solid) {
+    for name in SCALARS.into_iter().filter(|name| first != "D" && *name != first) {
         let mut stored = true;
         for &(i, j) in std::iter::once(&hold).chain(pairs) {
             stored = stored && a.has_field(name, i)? && b.has_field(name, j)?;
@@ -281,9 +293,10 @@ fn other_fields(
 impl Comparison {
     /// Name of the headline, its field, and its unit.
     pub fn names(&self) -> [&'static str; 3] {
-        match self.motion {
-            Some(_) => ["displacement", "D", "m"],
-            None => ["velocity", "U", "m/s"],
+        match self.field {
+            "D" => ["displacement", "D", "m"],
+            "T" => ["temperature", "T", "K"],
+            _ => ["velocity", "U", "m/s"],
         }
     }
 
@@ -301,6 +314,19 @@ impl Comparison {
         figures["hold_last_rmse"] = json!(h.hold_last_rmse);
         figures["hold_last_error"] = json!(h.hold_last_error);
         Ok(figures)
+    }
+}
+
+/// Values at the cells of A: of a temperature, or the solved components of a vector.
+fn values(
+    case: &mut FoamCase,
+    (name, time): (&str, usize),
+    mapping: &Mapping,
+    directions: &[usize],
+) -> Result<Vec<f64>> {
+    match name {
+        "T" => Ok(mapping.scalar(case.scalar_field(name, time)?)),
+        _ => Ok(components(&mapping.vector(case.vector_field(name, time)?), directions)),
     }
 }
 
