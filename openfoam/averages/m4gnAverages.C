@@ -187,7 +187,8 @@ bool Foam::functionObjects::m4gnAverages::value(const quantity& from, scalar& fo
     }
     if (silent_.insert(from.name)) {
         Info << "m4gn: " << name() << " waits for " << from.functionObject
-             << (inRun ? ", which has published no result yet; have it in front"
+             << (inRun ? ", which has published no result yet; have it in front, and one that"
+                         " publishes results, as probes do not"
                        : ", which this run has no longer")
              << nl << endl;
     }
