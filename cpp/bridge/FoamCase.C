@@ -220,16 +220,6 @@ rust::String m4gn::FoamCase::describe() const
         + ", \"patches\": " + list(mesh.boundaryMesh(), patch) + '}');
 }
 
-rust::Vec<double> m4gn::FoamCase::cell_volumes() const
-{
-    rust::Vec<double> result;
-    result.reserve(data_->mesh->nCells());
-    for (const Foam::scalar v : data_->mesh->cellVolumes()) {
-        result.push_back(v);
-    }
-    return result;
-}
-
 rust::Vec<double> m4gn::FoamCase::cell_centres() const { return flat(data_->mesh->cellCentres()); }
 
 rust::Vec<double> m4gn::FoamCase::polygons() const

@@ -29,8 +29,6 @@ pub struct Case {
 #[derive(Deserialize)]
 #[serde(tag = "query", rename_all = "snake_case", deny_unknown_fields)]
 enum Query {
-    /// `[n]` m^3.
-    CellVolumes,
     /// `[n x 3]` m.
     CellCentres,
     /// The n + 1 places where the points of each cell begin, then the x, y pairs; empty where the case is not 2-D.
@@ -270,7 +268,6 @@ pub unsafe extern "C" fn m4gn_foam_write(
 fn answer(case: &mut UniquePtr<FoamCase>, query: Query) -> Result<Vec<f64>, cxx::Exception> {
     let case = case.pin_mut();
     Ok(match query {
-        Query::CellVolumes => case.cell_volumes()?,
         Query::CellCentres => case.cell_centres()?,
         Query::Polygons => case.polygons()?,
         Query::HasField { name, time } => vec![f64::from(u8::from(case.has_field(&name, time)?))],

@@ -28,7 +28,6 @@ mod foam {
         type FoamCase;
         fn open_case(path: &str) -> Result<UniquePtr<FoamCase>>;
         fn describe(&self) -> Result<String>;
-        fn cell_volumes(&self) -> Result<Vec<f64>>;
         fn cell_centres(&self) -> Result<Vec<f64>>;
         fn polygons(&self) -> Result<Vec<f64>>;
         fn has_field(self: Pin<&mut FoamCase>, name: &str, time: usize) -> Result<bool>;

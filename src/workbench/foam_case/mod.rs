@@ -138,11 +138,6 @@ impl FoamCase {
         &self.description
     }
 
-    /// Volumes of the cells, m^3.
-    pub fn cell_volumes(&mut self) -> Result<Vec<f64>> {
-        self.handle.query(&json!({ "query": "cell_volumes" }))
-    }
-
     /// Centres of the cells, m.
     pub fn cell_centres(&mut self) -> Result<Vec<[f64; 3]>> {
         Ok(triples(&self.handle.query(&json!({ "query": "cell_centres" }))?))
