@@ -75,9 +75,19 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
             }
             continue;
         }
-        let copies = ["cp", "\\cp"].contains(&first) && words.len() > 2;
-        if copies && !line.contains(['$', '*', ';', '|', '&', '(', '"', '\'', '>', '{']) {
-            found.prepare.push(["cp"].iter().chain(&words[1..]).map(|w| w.to_string()).collect());
+        let plain = !line.contains(['$', '*', ';', '|', '&', '(', '"', '\'', '{', '`']);
+        let leads_out = line.split([' ', '<', '>']).any(|path| path.starts_with('/') || path.contains(".."));
+        let (rest, written) = (words.get(1..).unwrap_or_default(), line.contains('>'));
+        let of_files = match first.trim_start_matches('\\') {
+            "cp" if words.len() > 2 && !written => Some([&["cp"][..], rest].concat()),
+            // A script goes on where it is there
+            "mkdir" if !written => Some([&["mkdir", "-p"][..], rest].concat()),
+            // Its output is a file by a shell alone
+            "m4" if written && !leads_out => Some(vec!["sh", "-c", line]),
+            _ => None,
+        };
+        if let Some(command) = of_files.filter(|_| plain) {
+            found.prepare.push(command.into_iter().map(String::from).collect());
             continue;
         }
         if !runs || words.iter().any(|word| word.contains('$')) {
@@ -152,5 +162,14 @@ mod tests {
         assert!(!found.parallel, "it is serial by default");
         assert_eq!(found.unknown.len(), 7, "{:?}", found.unknown);
         assert!(found.unknown.contains(&"runApplication changeDictionary".to_string()));
+    }
+
+    #[test]
+    fn files_that_a_script_makes_are_made() {
+        let script = "mkdir constant/polyMesh\nm4 -P system/mesh.m4 > system/blockMeshDict\nm4 < ../mesh.m4 > a\nmkdir $name\n";
+        let found = of_script(script, "icoFoam", true);
+        let m4 = ["sh", "-c", "m4 -P system/mesh.m4 > system/blockMeshDict"];
+        assert_eq!(found.prepare, [["mkdir", "-p", "constant/polyMesh"], m4]);
+        assert_eq!(found.unknown, ["m4 < ../mesh.m4 > a", "mkdir $name"]);
     }
 }
