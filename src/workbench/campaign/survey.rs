@@ -17,8 +17,9 @@ const SHOWN: usize = 12;
 /// without either, `blockMesh` where the case has its dictionary and no mesh, or one that depends on a parameter.
 pub fn commands(source: &Source, parameters: &[Parameter]) -> Commands {
     let at = |name: &str| source.folder.join(name);
-    let script = files::read_text(at("Allrun"))
-        .map(|script| of_script(&script, &source.application, at(ORIGINAL).is_dir()));
+    let original = at(ORIGINAL).is_dir() && !at("0").exists();
+    let script =
+        files::read_text(at("Allrun")).map(|script| of_script(&script, &source.application, original));
     if at("Allrun.pre").is_file() {
         let mut found = script.unwrap_or_default();
         found.prepare.insert(0, vec!["./Allrun.pre".into()]);
@@ -40,7 +41,7 @@ pub fn commands(source: &Source, parameters: &[Parameter]) -> Commands {
 /// Checks that some file of the case uses each parameter, and returns the files that use one without including [`PARAMETERS`].
 ///
 /// # Errors
-/// [`Error::Input`] naming the parameter that no file uses, and the lines that may hold its value.
+/// [`Error::Input`] naming the parameter that no file uses, and the lines that may hold its value, or first fields that lose theirs.
 pub fn check_uses(source: &Source, parameters: &[Parameter]) -> Result<Vec<String>> {
     let mut texts = Vec::new();
     for name in source.files()? {
@@ -56,6 +57,17 @@ pub fn check_uses(source: &Source, parameters: &[Parameter]) -> Result<Vec<Strin
         if !texts.iter().any(|(_, text)| uses(text, name)) {
             return Err(Error::Input(unused(&source.folder, parameter, &texts)));
         }
+    }
+    let text = |name: &str| texts.iter().find(|(n, _)| n == name).map_or("", |(_, text)| text.as_str());
+    let used = |name: &str| parameters.iter().any(|p| uses(text(name), &p.name));
+    let undone = |&name: &&str| used(name) && !used(&name.replacen('0', ORIGINAL, 1));
+    let replaces = ["restore0Dir", ORIGINAL].iter().any(|word| text("Allrun.pre").contains(word));
+    let mut fields = texts.iter().map(|(name, _)| name.as_str()).filter(|name| name.starts_with("0/"));
+    if let Some(name) = fields.find(undone).filter(|_| replaces) {
+        return Err(Error::Input(format!(
+            "{}: {name} uses a parameter, and Allrun.pre puts {ORIGINAL} in its place, which does not: expected it there as well",
+            source.folder.display()
+        )));
     }
     let includes = |text: &str| text.contains("simulationParameters");
     let alone =
@@ -133,6 +145,11 @@ mod tests {
         let found = commands(&own, &[]);
         assert_eq!(found.prepare, [["./Allrun.pre"], ["setFields"]]);
         assert!(found.parallel && found.unknown.is_empty(), "{found:?}");
+        for (of_user, taken) in [("1/U", 2), ("0/U", 1)] {
+            let script = "runApplication blockMesh\nrestore0Dir\n";
+            let (_dir, case) = source(&[("Allrun", script), ("0.orig/U", ""), (of_user, "")]);
+            assert_eq!(commands(&case, &[]).prepare.len(), taken, "first fields may be the user's");
+        }
         let (_dir, block) = source(&[("system/blockMeshDict", "$n"), ("constant/polyMesh/faces", "")]);
         assert!(commands(&block, &[]).prepare.is_empty());
         assert_eq!(commands(&block, &["n=1,2".parse().unwrap()]).prepare, [["blockMesh"]]);
@@ -159,6 +176,12 @@ mod tests {
         let named = of("nu=0.1:0.2").unwrap_err().to_string();
         assert!(named.contains("constant/transportProperties, line 1: nu 0.01;"), "{named}");
         assert!(of("b=7,8").unwrap_err().to_string().contains("No line was found"));
+        let (_dir, undone) = source(&[("0/U", "$Uin"), ("0.orig/U", "1"), ("Allrun.pre", "restore0Dir")]);
+        let message = check_uses(&undone, &["Uin=1:2".parse().unwrap()]).unwrap_err().to_string();
+        assert!(
+            message.contains("0/U uses a parameter, and Allrun.pre puts 0.orig in its place"),
+            "{message}"
+        );
         assert_eq!(of("size=1:2").unwrap(), ["system/geometry"], "used, and not included");
         assert!(of("siz=1:2").is_err());
     }

@@ -148,7 +148,8 @@ impl Copy {
             let stays = |c: &Vec<String>| !c.iter().any(|word| word.contains("..") || word.starts_with('/'));
             let read = |name: &str| files::read_text(self.original.join(name)).unwrap_or_default();
             let script = ["Allrun.pre", "Allrun"].map(read).join("\n");
-            let script = of_script(&script, &self.application, at(ORIGINAL).is_dir());
+            let original = at(ORIGINAL).is_dir() && !at("0").exists();
+            let script = of_script(&script, &self.application, original);
             let (own, outside): (Vec<_>, Vec<_>) = script.prepare.into_iter().partition(stays);
             let lines: Vec<String> = own.iter().map(|c| c.join(" ")).collect();
             let copies = named.take(std::slice::from_ref(&lines.join("\n")))?;

@@ -25,7 +25,8 @@ const BETWEEN: [&str; 3] = ["then", "else", "do"];
 /// First fields of a case that are kept for its start.
 pub(crate) const ORIGINAL: &str = "0.orig";
 
-/// The commands of a script up to the solver `application`. `original`: whether the case has [`ORIGINAL`], without which restore0Dir does nothing.
+/// The commands of a script up to the solver `application`. `original`: whether restore0Dir takes [`ORIGINAL`], as the case has it and no first fields,
+/// which may be the user's.
 pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Commands {
     let mut found = Commands::default();
     let mut depth = 0_usize;
