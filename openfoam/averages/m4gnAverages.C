@@ -118,7 +118,8 @@ void Foam::functionObjects::m4gnAverages::start()
         const auto* at = isA<functionObjects::timeControl>(list[others.find(q.functionObject)]);
         q.seldom = at && !(at->executeControl().always() && at->writeControl().always());
         // It may end before the run
-        q.seldom = q.seldom || (at && (at->dict().found("timeEnd") || at->dict().found("triggerEnd")));
+        q.seldom = q.seldom || (at && at->dict().found("triggerEnd"));
+        q.end = at ? time_.userTimeToTime(at->dict().getOrDefault<scalar>("timeEnd", VGREAT)) : VGREAT;
         // Behind a timeStart the first row stands for its own step alone
         q.last = max(last_, time_.value() - time_.deltaTValue());
     }
@@ -201,6 +202,9 @@ void Foam::functionObjects::m4gnAverages::addRow(const label i, const bool surro
     const scalar now = time_.value();
     scalar found = 0;
 
+    if (now > q.end + 0.5 * time_.deltaTValue()) {
+        return;
+    }
     if (!value(q, found)) {
         // Nothing yet: the first value stands for the step before it
         q.last = now;

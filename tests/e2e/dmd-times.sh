@@ -82,6 +82,7 @@ done
 # A function object whose own times cut steps short, in jumps as in the solver's: no time to write is lost
 at='at { type volFieldValue; libs (fieldFunctionObjects); fields (U); operation max; regionType all; writeFields no; log no;
     writeControl adjustableRunTime; writeInterval 0.06; }'
+control startTime 0
 for run in plain hybrid; do
     clean_case
     echo "$at $tracer $([ $run = plain ] || surrogate "$dmd")" > system/functions
@@ -94,7 +95,7 @@ replaces 0.1 'beside a function object with times of its own'
 # The default: states are so many of the present steps apart, and not of the first; each fourth step is looked at
 clean_case
 echo "$tracer $(surrogate 'othersInterval 4; dmd { window 24; minSnapshots 24; delays (3 5); holdOut 3; initialJump 5; }') $looks" > system/functions
-control startTime 0 endTime 49
+control endTime 49
 runs pimpleFoam
 [ "$(grep -c 'fit of' log.run)" -lt 20 ] || fail "$(grep -c 'fit of' log.run) fits: states lie inside of steps"
 expect_log '^m4gn: jumped'
