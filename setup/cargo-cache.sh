@@ -31,12 +31,15 @@ cargo_cache_has() {
     return 1
 }
 
-# cargo_cache_restore: fills an empty target/release from the fullest kind that is kept, the newest of it.
+# cargo_cache_restore: fills an empty target/release from the fullest kind that is kept of such a checkout, else of any, the newest of it.
 cargo_cache_restore() {
-    local release=$CARGO_TARGET_DIR/release kind kept=
+    local release=$CARGO_TARGET_DIR/release kind kept= own= path
+    path=$(cargo_cache_dir)/$(cargo_cache_name)
     for kind in "${cargo_cache_kinds[@]}"; do
         kept=$({ cargo_cache_kept "$kind"; echo "$kept"; } | sed -n 1p)
+        if [ -d "$path-$kind" ]; then own=$path-$kind; fi
     done
+    kept=${own:-$kept}
     if [ -e "$release/.fingerprint" ] || [ -z "$kept" ]; then return 0; fi
     mkdir -p "$release"
     cp -a --reflink=auto "$kept/." "$release/" || rm -rf "${release:?}"/{deps,build,.fingerprint}
