@@ -116,9 +116,9 @@ void Foam::functionObjects::m4gnAverages::start()
                                  << "    It has: " << m4gn::join(others) << exit(FatalError);
         }
         const auto* at = isA<functionObjects::timeControl>(list[others.find(q.functionObject)]);
-        q.seldom = at && !(at->executeControl().always() && at->writeControl().always());
+        const bool always = !at || (at->executeControl().always() && at->writeControl().always());
         // It may end before the run
-        q.seldom = q.seldom || (at && at->dict().found("triggerEnd"));
+        q.seldom = !always || (at && at->dict().found("triggerEnd"));
         q.end = at ? time_.userTimeToTime(at->dict().getOrDefault<scalar>("timeEnd", VGREAT)) : VGREAT;
         // Behind a timeStart the first row stands for its own step alone
         q.last = max(last_, time_.value() - time_.deltaTValue());

@@ -158,8 +158,8 @@ pub(super) fn load(
                 if !sample.is_streamed() {
                     left -= sample.frame_bytes();
                 }
-                let ends = [0, sample.n_frames - 1].map(|i| sample.frame(i).map(|frame| digest(&frame)));
-                let [first, last] = ends;
+                let [first, last] =
+                    [0, sample.n_frames - 1].map(|i| sample.frame(i).map(|frame| digest(&frame)));
                 names.push(format!("{} {:?} {:x} {:x}", described(trajectory), sample.extent, first?, last?));
                 report.loaded();
                 Ok(Arc::new(sample))
