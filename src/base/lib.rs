@@ -3,6 +3,7 @@
 //!
 //! Nothing here knows meshes or ranks. [`plugin`] loads libraries; [`ffi`] has the floating-point environment and signals.
 
+pub mod digest;
 mod error;
 pub mod ffi;
 pub mod files;

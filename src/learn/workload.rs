@@ -15,7 +15,7 @@ pub struct Workload {
     pub valid: Vec<Arc<Sample>>,
     /// Data frames in one model step.
     pub frames_a_step: usize,
-    /// File name, number of frames, what these span, and digests of the first and the last, of each trajectory; a resumed training must find the same.
+    /// File name, number of frames, what these span, and a digest of the first and the last, of each trajectory; a resumed training must find the same.
     pub names: Vec<String>,
 }
 

@@ -6,6 +6,7 @@ use super::memory;
 use super::net2net;
 use super::recorded::read_within;
 use super::report::Report;
+use m4gn_base::digest::Digest;
 use m4gn_base::{Error, Result};
 use m4gn_data as dataset;
 use m4gn_data::{Split, Trajectory};
@@ -127,11 +128,6 @@ fn described(trajectory: &Trajectory) -> String {
     format!("{name} {}", trajectory.times().len())
 }
 
-/// A number that other values would hardly have.
-fn digest(frame: &[f32]) -> u64 {
-    frame.iter().fold(0, |sum: u64, v| (sum ^ u64::from(v.to_bits())).wrapping_mul(0x0100_0000_01b3))
-}
-
 /// Reads all trajectories, their frames into memory as far as `room` bytes hold them.
 pub(super) fn load(
     folder: &Path,
@@ -158,9 +154,12 @@ pub(super) fn load(
                 if !sample.is_streamed() {
                     left -= sample.frame_bytes();
                 }
-                let [first, last] =
-                    [0, sample.n_frames - 1].map(|i| sample.frame(i).map(|frame| digest(&frame)));
-                names.push(format!("{} {:?} {:x} {:x}", described(trajectory), sample.extent, first?, last?));
+                let mut ends = Digest::default();
+                for i in [0, sample.n_frames - 1] {
+                    let bytes: Vec<u8> = sample.frame(i)?.iter().flat_map(|v| v.to_le_bytes()).collect();
+                    ends.add("frame", &bytes);
+                }
+                names.push(format!("{} {:?} {}", described(trajectory), sample.extent, ends.text()));
                 report.loaded();
                 Ok(Arc::new(sample))
             })

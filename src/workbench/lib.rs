@@ -21,7 +21,6 @@ pub mod check;
 pub mod compare;
 mod cycle;
 pub mod decisions;
-mod digest;
 pub mod errors;
 mod foam_bridge;
 pub mod foam_case;

@@ -2,10 +2,10 @@
 
 use super::settings::{Quantity, Settings, Statistic};
 use super::table::{Row, Table};
-use crate::digest::Digest;
 use crate::generate::process::Surroundings;
 use crate::user_case::script::ORIGINAL;
 use crate::user_case::{LEFT_OUT, copy_all, entry, function_objects, header, names, time, times};
+use m4gn_base::digest::Digest;
 use m4gn_base::{Error, Result, files};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -6,7 +6,7 @@ use super::openfoam::lies_in;
 use super::parameter::Value;
 use super::process::Surroundings;
 use super::queue::{Case, other_number};
-use crate::digest::Digest;
+use m4gn_base::digest::Digest;
 use m4gn_base::{Error, Result, files};
 use m4gn_data::{Split, Trajectory};
 use std::path::{Path, PathBuf};

@@ -18,12 +18,12 @@ pub use score::Score;
 pub use tables::{case_table, remarks, summary, summary_tables};
 pub use variant::{FULL, Kind, Variant, variants};
 
-use crate::digest::Digest;
 use crate::foam_bridge;
 use crate::generate::family::{Draw, Family, Hybrid};
 use crate::generate::parameter::Settings;
 use crate::generate::process::Surroundings;
 use crate::generate::queue;
+use m4gn_base::digest::Digest;
 use m4gn_base::{Error, Result, lock, plugin};
 use serde::Serialize;
 use std::collections::BTreeMap;

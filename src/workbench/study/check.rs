@@ -1,9 +1,9 @@
 //! What can be known of a study before its first training, which may be days before its last.
 
 use super::{Data, Network, Plan, Test};
-use crate::digest::Digest;
 use crate::generate::process::Surroundings;
 use crate::validate::trajectories;
+use m4gn_base::digest::Digest;
 use m4gn_base::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_train::config::Config;

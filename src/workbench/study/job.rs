@@ -2,9 +2,9 @@
 
 use super::check::Checked;
 use super::{Cell, Data, Network, Plan, Test};
-use crate::digest::Digest;
 use crate::generate::openfoam::absolute;
 use crate::generate::process::Surroundings;
+use m4gn_base::digest::Digest;
 use m4gn_base::{Error, Result, files};
 use m4gn_model::Model;
 use serde_json::Value;

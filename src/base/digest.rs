@@ -1,6 +1,6 @@
 //! A digest of all that something was made from: tells it from what other inputs would make.
 
-use m4gn_base::{Error, Result, files};
+use crate::{Error, Result, files};
 use std::io::Read;
 use std::path::Path;
 
