@@ -1,9 +1,11 @@
 //! A model on libtorch for one graph: the core crate's `backend torch`, and the reference of its tests.
 
 use crate::network::{Network, Topology};
+use crate::normaliser::Scales;
 use crate::samples::HostGraph;
-use crate::weights::{Layout, Weights};
+use crate::weights::Weights;
 use m4gn_base::{Error, Result};
+use m4gn_engine::backward::Layout;
 use m4gn_model::{Model, ModelSpec};
 use m4gn_structure::Structure;
 use tch::{Device, Tensor};
@@ -15,9 +17,7 @@ pub struct Inference {
     graph: Topology,
     /// Normalised edge features.
     edges: Tensor,
-    /// Mean and deviation of inputs and outputs.
-    node: (Tensor, Tensor),
-    output: (Tensor, Tensor),
+    scales: Scales,
     device: Device,
 }
 
@@ -39,25 +39,13 @@ impl Inference {
         }
         let layout = Layout::new(&spec);
         let flat = Tensor::from_slice(&layout.flatten(model)?).to_device(device);
-        let scale = |name: &str| -> Result<(Tensor, Tensor)> {
-            let part = |which: &str| {
-                let name = format!("norm.{name}.{which}");
-                let tensor = model
-                    .tensors
-                    .get(&name)
-                    .ok_or_else(|| Error::Model(format!("the model has no tensor `{name}`")))?;
-                Ok::<Tensor, Error>(Tensor::from_slice(&tensor.data).to_device(device))
-            };
-            Ok((part("mean")?, part("std")?))
-        };
+        let scales = Scales::of_model(model, device)?;
         let graph = HostGraph::union(&[&HostGraph::new(structure, &spec)?], &spec, device);
-        let edge = scale("edge")?;
         Ok(Inference {
-            weights: layout.views(&flat, false),
-            edges: (&graph.edges - edge.0) / edge.1,
+            weights: Weights::new(&layout, &flat, false),
+            edges: (&graph.edges - &scales.edge.0) / &scales.edge.1,
             graph,
-            node: scale("node")?,
-            output: scale("output")?,
+            scales,
             spec,
             device,
         })
@@ -71,21 +59,14 @@ impl Inference {
         )
     }
 
-    /// Physical inputs `[N x inputs]` to physical outputs `[C x outputs]`, changes not added.
+    /// Physical inputs `[N x inputs]` to physical outputs `[C x outputs]`, changes not added; both as long as [`Inference::lengths`] says.
     pub fn step(&self, inputs: &[f32], outputs: &mut [f32]) -> Result<()> {
-        if (inputs.len(), outputs.len()) != self.lengths() {
-            let (n, m) = self.lengths();
-            return Err(Error::Input(format!(
-                "{} inputs and {} outputs, expected {n} and {m}",
-                inputs.len(),
-                outputs.len()
-            )));
-        }
         let result = tch::no_grad(|| {
             let fields = Tensor::from_slice(inputs).view([self.graph.nodes, -1]).to_device(self.device);
-            let fields = (fields - &self.node.0) / &self.node.1;
+            let fields = (fields - &self.scales.node.0) / &self.scales.node.1;
             let network = Network::new(&self.spec.architecture, &self.weights);
-            network.forward(&self.graph, &fields, &self.edges) * &self.output.1 + &self.output.0
+            let outputs = network.forward(&self.graph, &fields, &self.edges);
+            outputs * &self.scales.output.1 + &self.scales.output.0
         });
         let result = result.to_device(Device::Cpu).contiguous();
         result.f_copy_data(outputs, outputs.len()).map_err(|e| Error::Internal(e.to_string()))

@@ -2,14 +2,14 @@
 
 use crate::contact;
 use crate::network::{Network, Topology};
-use crate::normaliser::{Scales, of_example};
+use crate::normaliser::Scales;
 use crate::rollout::{Boundary, State, Stepper};
 use crate::samples::{HostGraph, Sample};
-use crate::weights::Layout;
+use crate::weights::Weights;
 use m4gn_base::Result;
 use m4gn_domain::{Components, Domain};
 use m4gn_engine::Precision;
-use m4gn_engine::backward::normal;
+use m4gn_engine::backward::{Layout, normal};
 use m4gn_learn::normaliser::Normaliser;
 use m4gn_learn::{Batch, Example, Learned, Rollout, TrainingConfig};
 use m4gn_model::ModelSpec;
@@ -117,14 +117,15 @@ impl Learner {
             let target = self.stepper.target(&state, &next.cells);
             // The normalisers see the finest graph.
             let of_edges = edges.narrow(0, 0, graph.senders.size()[0]);
-            moments = Some(of_example(&self.spec, [&inputs, &of_edges, &target])?);
+            let [inputs, of_edges, target] = [&inputs, &of_edges, &target].map(contact::host);
+            moments = Some(Normaliser::of_example(&self.spec, &inputs?, &of_edges?, &target?));
         }
         let mut losses = vec![0.0; self.groups.len()];
         if !batch.learn {
             return Ok(Learned { gradient: None, losses, moments });
         }
         let leaf = Tensor::from_slice(weights).to_device(self.device).set_requires_grad(true);
-        let views = self.layout.views(&leaf, self.half());
+        let views = Weights::new(&self.layout, &leaf, self.half());
         let network = Network::new(&self.spec.architecture, &views);
         let scales = Scales::new(normaliser, self.device);
         let mut total = Tensor::zeros([], (Kind::Float, self.device));
@@ -174,7 +175,8 @@ impl Learner {
     ) -> Result<Vec<[f64; 2]>> {
         let sample = &self.valid[rollout.sample];
         // Validation measures the model that is exported, which the engine runs in fp32.
-        let views = self.layout.views(&Tensor::from_slice(weights).to_device(self.device), false);
+        let flat = Tensor::from_slice(weights).to_device(self.device);
+        let views = Weights::new(&self.layout, &flat, false);
         let network = Network::new(&self.spec.architecture, &views);
         let scales = Scales::new(normaliser, self.device);
         let read = |step: usize| -> Result<State> {

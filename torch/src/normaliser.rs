@@ -1,9 +1,8 @@
 //! Normalisers as tensors.
 
-use crate::contact::host;
 use m4gn_base::Result;
 use m4gn_learn::normaliser::{Moments, Normaliser};
-use m4gn_model::ModelSpec;
+use m4gn_model::Model;
 use tch::{Device, Tensor};
 
 /// Means and deviations on the device.
@@ -29,11 +28,18 @@ impl Scales {
             output: pair(&normaliser.output),
         }
     }
-}
 
-/// What examples show ([`Normaliser::of_example`]): node inputs, edge features and outputs, physical.
-///
-/// Errors: [`m4gn_base::Error::Internal`] where a tensor cannot be read.
-pub fn of_example(spec: &ModelSpec, [inputs, edges, outputs]: [&Tensor; 3]) -> Result<Normaliser> {
-    Ok(Normaliser::of_example(spec, &host(inputs)?, &host(edges)?, &host(outputs)?))
+    /// Those of a model.
+    ///
+    /// Errors: [`m4gn_base::Error::Model`] for one that is missing.
+    pub fn of_model(model: &Model, device: Device) -> Result<Self> {
+        let part = |name: &str| -> Result<Tensor> {
+            Ok(Tensor::from_slice(&model.tensor(&format!("norm.{name}"))?.data).to_device(device))
+        };
+        Ok(Scales {
+            node: (part("node.mean")?, part("node.std")?),
+            edge: (part("edge.mean")?, part("edge.std")?),
+            output: (part("output.mean")?, part("output.std")?),
+        })
+    }
 }

@@ -1,6 +1,7 @@
 //! The tch model against the native engine on the same weights, bfloat16 against fp32, and unions
 //! of graphs against single ones.
 
+use m4gn_engine::backward::Layout;
 use m4gn_engine::{Engine, EngineOptions, Forward};
 use m4gn_mesh::Mesh;
 use m4gn_model::{
@@ -13,7 +14,7 @@ use m4gn_structure::Structure;
 use m4gn_torch::inference::Inference;
 use m4gn_torch::network::{Network, Topology};
 use m4gn_torch::samples::HostGraph;
-use m4gn_torch::weights::Layout;
+use m4gn_torch::weights::Weights;
 use tch::{Device, Tensor};
 
 fn spec(architecture: Architecture, overlap: usize) -> ModelSpec {
@@ -56,7 +57,7 @@ fn pass(spec: &ModelSpec, graph: &Topology, half: bool) -> (Tensor, Tensor) {
     let layout = Layout::new(spec);
     let model = Model::random(spec.clone(), 7).unwrap();
     let leaf = Tensor::from_slice(&layout.flatten(&model).unwrap()).set_requires_grad(true);
-    let weights = layout.views(&leaf, half);
+    let weights = Weights::new(&layout, &leaf, half);
     let network = Network::new(&spec.architecture, &weights);
     let output = network.forward(graph, &fields(graph.nodes), &(&graph.edges * 20.0));
     output.square().mean(tch::Kind::Float).backward();
@@ -87,7 +88,8 @@ fn a_union_of_graphs_is_its_graphs() {
     let union = HostGraph::union(&[&hosts[0], &hosts[1]], &spec, Device::Cpu);
     let layout = Layout::new(&spec);
     let model = Model::random(spec.clone(), 7).unwrap();
-    let weights = layout.views(&Tensor::from_slice(&layout.flatten(&model).unwrap()), false);
+    let flat = Tensor::from_slice(&layout.flatten(&model).unwrap());
+    let weights = Weights::new(&layout, &flat, false);
     let network = Network::new(&spec.architecture, &weights);
     let single = hosts.each_ref().map(|h| {
         let graph = HostGraph::union(&[h], &spec, Device::Cpu);
