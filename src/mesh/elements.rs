@@ -1,5 +1,6 @@
 //! Linear elements in three dimensions: faces, edges, sizes.
 
+use crate::joined::Joined;
 use crate::vector::{Vector, cross, dot, sub};
 use m4gn_base::{Error, Result};
 use std::collections::BTreeMap;
@@ -204,24 +205,16 @@ impl Elements {
 
     /// Number of the part that each of the points `0..n` belongs to: parts share no point with one another.
     pub fn parts(&self, n: usize) -> Vec<u32> {
-        let mut parent: Vec<usize> = (0..n).collect();
-        fn root(parent: &mut [usize], mut p: usize) -> usize {
-            while parent[p] != p {
-                parent[p] = parent[parent[p]];
-                p = parent[p];
-            }
-            p
-        }
+        let mut joined = Joined::new(n);
         for e in 0..self.len() {
             for pair in self.points_of(e).windows(2) {
-                let [a, b] = [pair[0], pair[1]].map(|p| root(&mut parent, p as usize));
-                parent[a.max(b)] = a.min(b);
+                joined.join(pair[0] as usize, pair[1] as usize);
             }
         }
         let mut number = vec![u32::MAX; n];
         let mut count = 0;
         let mut of = |p: usize| {
-            let r = root(&mut parent, p);
+            let r = joined.root(p);
             if number[r] == u32::MAX {
                 number[r] = count;
                 count += 1;

@@ -1,6 +1,7 @@
 //! The box around a mesh.
 
 use crate::Mesh;
+use crate::vector::bounds;
 use m4gn_parallel::Comm;
 
 /// Box around all cell centres and boundary face centres, over all ranks, m.
@@ -21,14 +22,9 @@ impl Extent {
 
     /// The box around all ranks' points. Collective.
     pub fn around<'a>(points: impl Iterator<Item = &'a [f64; 3]>, comm: &Comm) -> Self {
-        let mut high = [f64::NEG_INFINITY; 6];
-        for x in points {
-            for d in 0..3 {
-                high[d] = high[d].max(x[d]);
-                high[3 + d] = high[3 + d].max(-x[d]);
-            }
-        }
-        comm.max_f64(&mut high);
-        Extent { low: [-high[3], -high[4], -high[5]], high: [high[0], high[1], high[2]] }
+        let [low, high] = bounds(points.copied());
+        let mut sides = [high, low.map(|x| -x)];
+        comm.max_f64(sides.as_flattened_mut());
+        Extent { low: sides[1].map(|x| -x), high: sides[0] }
     }
 }

@@ -12,6 +12,7 @@ mod coupled;
 pub mod elements;
 mod extent;
 pub mod ffi;
+pub mod joined;
 pub mod nearest;
 pub mod surface;
 pub mod vector;

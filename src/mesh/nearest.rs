@@ -1,6 +1,6 @@
 //! Nearest neighbours among points: a k-d tree.
 
-use crate::vector::{Vector, dot, sub};
+use crate::vector::{Vector, dot, sub, widest};
 
 /// Points in a balanced tree: the middle of each range splits it by the coordinate in which it is widest.
 #[derive(Clone, Debug)]
@@ -20,7 +20,7 @@ impl Nearest {
             if to - from < 2 {
                 continue;
             }
-            let axis = widest(tree.points[from..to].iter().map(|p| &p.0));
+            let axis = widest(tree.points[from..to].iter().map(|p| p.0));
             let middle = (from + to) / 2;
             tree.points[from..to]
                 .select_nth_unstable_by(middle - from, |a, b| a.0[axis].total_cmp(&b.0[axis]));
@@ -67,16 +67,6 @@ impl Nearest {
         }
         (best, place)
     }
-}
-
-/// The coordinate in which finite points lie farthest apart.
-pub(crate) fn widest<'a>(points: impl Iterator<Item = &'a Vector> + Clone) -> usize {
-    let extent = |axis: usize| {
-        let values = points.clone().map(|p| p[axis]);
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
-        high - low
-    };
-    (0..3).max_by(|&a, &b| extent(a).total_cmp(&extent(b))).unwrap_or(0)
 }
 
 #[cfg(test)]

@@ -1,7 +1,6 @@
 //! Closed triangulated surfaces: signed distance, by a tree of boxes.
 
-use crate::nearest::widest;
-use crate::vector::{Vector, cross, dot, norm, sub};
+use crate::vector::{Vector, bounds, cross, dot, norm, sub, widest};
 use m4gn_base::{Error, Result};
 use std::collections::HashMap;
 
@@ -158,21 +157,13 @@ fn build(
     if order.len() <= LEAF {
         return;
     }
-    let centres: Vec<Vector> = order.iter().map(|&t| middles[t]).collect();
-    let axis = widest(centres.iter());
+    let axis = widest(order.iter().map(|&t| middles[t]));
     let half = order.len() / 2;
     order.select_nth_unstable_by(half, |&a, &b| middles[a][axis].total_cmp(&middles[b][axis]));
     let (left, right) = order.split_at_mut(half);
     build(left, offset, middles, corner, nodes);
     nodes[this].right = Some(nodes.len());
     build(right, offset + half, middles, corner, nodes);
-}
-
-/// Smallest and largest components.
-fn bounds(vectors: impl Iterator<Item = Vector>) -> [Vector; 2] {
-    vectors.fold([[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]], |[low, high], v| {
-        [std::array::from_fn(|i| low[i].min(v[i])), std::array::from_fn(|i| high[i].max(v[i]))]
-    })
 }
 
 /// Squared distance from x to a box.

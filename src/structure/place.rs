@@ -1,7 +1,7 @@
 //! The order of places: by the third direction, then the second, then the first, which is how blockMesh numbers a block along the axes. What
 //! is numbered by it depends neither on the numbering that a mesh came with nor on the ranks.
 
-use m4gn_mesh::vector::{Vector, norm, sub};
+use m4gn_mesh::vector::{Vector, bounds, norm, sub};
 
 /// Places closer than this in a direction, over the diagonal of the box around all, are one there: centres that are computed from
 /// faces in another order differ by rounding. A multiple of pi, so that no regular mesh has its places on the bounds between two.
@@ -9,10 +9,7 @@ const NEAR: f64 = std::f64::consts::PI * 1e-9;
 
 /// Position of each place in the line of all of them; of those at one place in the order of `number`.
 pub(super) fn line(places: &[Vector], number: &[i64]) -> Vec<i64> {
-    let bound = |worst: f64, better: fn(f64, f64) -> f64| -> Vector {
-        std::array::from_fn(|i| places.iter().map(|p| p[i]).fold(worst, better))
-    };
-    let (low, high) = (bound(f64::INFINITY, f64::min), bound(f64::NEG_INFINITY, f64::max));
+    let [low, high] = bounds(places.iter().copied());
     let unit = NEAR * norm(sub(high, low));
     let whole = |x: f64| if unit > 0.0 { (x / unit).round() as i64 } else { 0 };
     let key = |&p: &Vector| {

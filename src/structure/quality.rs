@@ -6,7 +6,7 @@
 use super::preset_labels;
 use crate::graph::Graph;
 use m4gn_base::Result;
-use m4gn_mesh::Mesh;
+use m4gn_mesh::{Extent, Mesh};
 use m4gn_parallel::{Comm, everywhere};
 
 /// Silhouettes of meshes of at most this many cells are exact.
@@ -93,16 +93,8 @@ impl Points {
             mesh.directions.iter().map(|&d| mesh.cell_centres.iter().map(|x| x[d]).collect()).collect();
         let mut total = [mesh.n_cells() as f64];
         comm.sum_f64(&mut total);
-        let mut box_sides: Vec<f64> = coordinates
-            .iter()
-            .flat_map(|x| {
-                let high = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-                let low = x.iter().copied().fold(f64::INFINITY, f64::min);
-                [high, -low]
-            })
-            .collect();
-        comm.max_f64(&mut box_sides);
-        let diagonal = box_sides.chunks_exact(2).map(|s| (s[0] + s[1]).powi(2)).sum::<f64>().sqrt();
+        let Extent { low, high } = Extent::around(mesh.cell_centres.iter(), comm);
+        let diagonal = mesh.directions.iter().map(|&d| (high[d] - low[d]).powi(2)).sum::<f64>().sqrt();
         let least = diagonal * total[0] / 2f64.powi(51);
         Points { coordinates, quantum: if least > 0.0 { least.log2().ceil().exp2() } else { 1.0 } }
     }

@@ -1,7 +1,8 @@
 //! The connected pieces of walls: which of them is the obstacle where no patch says so.
 
 use super::place::line;
-use m4gn_mesh::vector::{Vector, norm, sub};
+use m4gn_mesh::joined::Joined;
+use m4gn_mesh::vector::{Vector, bounds, norm, sub, widest};
 use m4gn_mesh::{BoundaryFace, Mesh, NodeType};
 use m4gn_parallel::{Comm, everywhere};
 use std::collections::{BTreeMap, HashSet};
@@ -44,7 +45,7 @@ struct Wall {
 /// one or neighbours, or that are near each other.
 pub(super) fn wall_pieces(mesh: &Mesh, at_box: impl Fn(&Vector) -> bool, comm: &Comm) -> Vec<Piece> {
     let walls = walls(mesh, comm);
-    let mut joined = Joined((0..walls.len()).collect());
+    let mut joined = Joined::new(walls.len());
     let mut of_owner: BTreeMap<i64, Vec<usize>> = BTreeMap::new();
     walls.iter().enumerate().for_each(|(i, wall)| of_owner.entry(wall.owner).or_default().push(i));
     let mut join_owners = |a: i64, b: i64| {
@@ -121,19 +122,10 @@ fn of_neighbours(mesh: &Mesh, owners: &BTreeMap<i64, Vec<usize>>) -> Vec<i64> {
 
 /// Joins the faces of a patch that are near each other.
 fn join_near(walls: &[Wall], mut faces: Vec<usize>, joined: &mut Joined) {
-    let extent = |d: usize| {
-        let of = |faces: &[usize]| {
-            faces
-                .iter()
-                .map(|&i| walls[i].centre[d])
-                .fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], x| [a.min(x), b.max(x)])
-        };
-        let [low, high] = of(&faces);
-        high - low
-    };
-    let sides = [0, 1, 2].map(extent);
-    let axis = (0..3).max_by(|&a, &b| sides[a].total_cmp(&sides[b])).unwrap_or(0);
-    let same = SAME * norm(sides);
+    let places = || faces.iter().map(|&i| walls[i].centre);
+    let axis = widest(places());
+    let [low, high] = bounds(places());
+    let same = SAME * norm(sub(high, low));
     let along = |i: usize| walls[i].centre[axis];
     faces.sort_by(|&a, &b| along(a).total_cmp(&along(b)).then(a.cmp(&b)));
     let apart = |i: usize, j: usize| norm(sub(walls[i].centre, walls[j].centre));
@@ -161,23 +153,5 @@ fn join_near(walls: &[Wall], mut faces: Vec<usize>, joined: &mut Joined) {
                 joined.join(i, j);
             }
         }
-    }
-}
-
-/// Which faces hang together: each knows one of its piece, the first itself.
-struct Joined(Vec<usize>);
-
-impl Joined {
-    fn root(&mut self, mut i: usize) -> usize {
-        while self.0[i] != i {
-            self.0[i] = self.0[self.0[i]];
-            i = self.0[i];
-        }
-        i
-    }
-
-    fn join(&mut self, i: usize, j: usize) {
-        let (a, b) = (self.root(i), self.root(j));
-        self.0[a.max(b)] = a.min(b);
     }
 }
