@@ -82,26 +82,29 @@ impl Numbering {
 
     /// For each number its owner's values, `width` of them, from `own` (those of this rank's own). Collective.
     pub fn fetch(&self, comm: &Comm, numbers: &[i64], own: &[f64], width: usize) -> Vec<f64> {
+        let write = |at: usize, to: &mut Vec<f64>| to.extend_from_slice(&own[at * width..][..width]);
+        let answers = self.answers(comm, numbers, write);
+        let mut rest: Vec<&[f64]> = answers.iter().map(Vec::as_slice).collect();
+        numbers.iter().flat_map(|&n| take(&mut rest[self.owner(n)], width)).copied().collect()
+    }
+
+    /// From each rank what it writes of those of the numbers that it owns, in their order: `write` gets a number's place
+    /// among this rank's own. Collective.
+    pub fn answers(
+        &self,
+        comm: &Comm,
+        numbers: &[i64],
+        write: impl Fn(usize, &mut Vec<f64>),
+    ) -> Vec<Vec<f64>> {
         let mut ask = vec![Vec::new(); self.first.len() - 1];
-        let mut place = Vec::with_capacity(numbers.len());
-        for &n in numbers {
-            let list = &mut ask[self.owner(n)];
-            place.push((self.owner(n), list.len()));
-            list.push(n);
-        }
-        let asked = comm.all_to_all(&ask);
-        let answers: Vec<Vec<f64>> = asked
-            .iter()
-            .map(|list| {
-                let at = |&n: &i64| (n - self.first_own()) as usize * width;
-                list.iter().flat_map(|n| own[at(n)..at(n) + width].iter().copied()).collect()
-            })
-            .collect();
-        let answers = comm.all_to_all(&answers);
-        place
-            .into_iter()
-            .flat_map(|(rank, i)| answers[rank][i * width..(i + 1) * width].iter().copied())
-            .collect()
+        numbers.iter().for_each(|&n| ask[self.owner(n)].push(n));
+        let answer = |list: &Vec<i64>| {
+            let mut to = Vec::new();
+            list.iter().for_each(|n| write((n - self.first_own()) as usize, &mut to));
+            to
+        };
+        let answers: Vec<Vec<f64>> = comm.all_to_all(&ask).iter().map(answer).collect();
+        comm.all_to_all(&answers)
     }
 
     /// Sums of all ranks' `values`, `width` a number, at the owner. Collective.
@@ -121,6 +124,13 @@ impl Numbering {
         }
         sum
     }
+}
+
+/// The first values of a list, which is moved on to those behind them.
+pub(super) fn take<'a>(values: &mut &'a [f64], n: usize) -> &'a [f64] {
+    let (head, tail) = values.split_at(n);
+    *values = tail;
+    head
 }
 
 /// Keeps for each global number who holds it: rank r keeps the block of numbers that starts at r times its length.

@@ -16,8 +16,8 @@
 //! Cells are averaged with cells of the same moduli only: strain jumps where moduli do.
 
 use super::mesh::Cell;
-use super::numbering::Numbering;
-use super::strain::{Strain, Term, send, take};
+use super::numbering::{Numbering, take};
+use super::strain::{Strain, Term, send};
 use super::volume::Shares;
 use m4gn_base::{Error, Result, refuse_any};
 use m4gn_mesh::vector::{cross, dot, sub};

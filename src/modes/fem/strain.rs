@@ -1,6 +1,6 @@
 //! Where the stiffness and the mass come from: sums of small terms, each over a few points.
 
-use super::numbering::Numbering;
+use super::numbering::{Numbering, take};
 use m4gn_parallel::Comm;
 
 /// A strain that is taken as constant over some volume, and its energy
@@ -36,12 +36,6 @@ pub(super) trait Term: Sized {
     fn values(&self, to: &mut Vec<f64>);
     /// The way back; `values` starts with this term's and is moved on to the next one's.
     fn from_parts(points: Vec<i64>, values: &mut &[f64]) -> Self;
-}
-
-pub(super) fn take<'a>(values: &mut &'a [f64], n: usize) -> &'a [f64] {
-    let (head, tail) = values.split_at(n);
-    *values = tail;
-    head
 }
 
 impl Term for Strain {

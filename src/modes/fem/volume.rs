@@ -7,7 +7,7 @@
 //! cells thick lock as nu approaches 1/2.
 
 use super::mesh::Cell;
-use super::numbering::Numbering;
+use super::numbering::{Numbering, take};
 use m4gn_parallel::Comm;
 use std::collections::BTreeMap;
 
@@ -116,36 +116,16 @@ fn follow(shares: &mut [Shares], numbering: &Numbering, comm: &Comm) {
 
 /// The lists of any numbers from their owners. Collective.
 fn fetch(numbers: &[i64], own: &[Shares], numbering: &Numbering, comm: &Comm) -> Vec<Shares> {
-    let mut ask = vec![Vec::new(); comm.size() as usize];
-    for &number in numbers {
-        ask[numbering.owner(number)].push(number);
-    }
-    let answers: Vec<Vec<f64>> = comm
-        .all_to_all(&ask)
-        .iter()
-        .map(|list| {
-            let mut answer = Vec::new();
-            for number in list {
-                let shares = &own[(number - numbering.first_own()) as usize];
-                answer.push(shares.len() as f64);
-                // Numbers below 2^53 are exact as doubles.
-                answer.extend(shares.iter().flat_map(|&(q, share)| [q as f64, share]));
-            }
-            answer
-        })
-        .collect();
-    let answers = comm.all_to_all(&answers);
+    let answers = numbering.answers(comm, numbers, |at, to| {
+        to.push(own[at].len() as f64);
+        // Numbers below 2^53 are exact as doubles.
+        to.extend(own[at].iter().flat_map(|&(q, share)| [q as f64, share]));
+    });
     let mut rest: Vec<&[f64]> = answers.iter().map(Vec::as_slice).collect();
-    numbers
-        .iter()
-        .map(|&number| {
-            let from = &mut rest[numbering.owner(number)];
-            let Some((&count, tail)) = from.split_first() else {
-                return Vec::new();
-            };
-            let (list, tail) = tail.split_at(2 * count as usize);
-            *from = tail;
-            list.chunks_exact(2).map(|c| (c[0] as i64, c[1])).collect()
-        })
-        .collect()
+    let list = |&number: &i64| -> Shares {
+        let from = &mut rest[numbering.owner(number)];
+        let count = take(from, 1)[0] as usize;
+        take(from, 2 * count).chunks_exact(2).map(|c| (c[0] as i64, c[1])).collect()
+    };
+    numbers.iter().map(list).collect()
 }
