@@ -229,9 +229,10 @@ fn whole(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32], expected: 
     let Some(mut graph) = checks.value(Graph::new(&part, &comm), name) else {
         return;
     };
-    let mut edges = [graph.senders.len() as i64];
-    comm.sum_i64(&mut edges);
-    checks.that(edges[0] as usize == expected.n_edges, format!("{name}: number of edges"));
+    checks.that(
+        comm.total(graph.senders.len()) as usize == expected.n_edges,
+        format!("{name}: number of edges"),
+    );
     let modes = laplacian_modes(&part, &comm, &ModalOptions::default());
     let Some(modes) = checks.value(modes, name) else {
         return;

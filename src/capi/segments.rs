@@ -130,16 +130,15 @@ fn cut(comm: &Comm, mesh: &Mesh, spec: &SegmentSpec, request: &Request) -> Resul
         false => None,
     };
     let preset = request.labels.as_deref();
-    let mut any_preset = [i64::from(preset.is_some())];
-    comm.max_i64(&mut any_preset);
+    let any_preset = comm.any(preset.is_some());
     let segmentation = match &modes {
         // Not solved for a second time.
-        Some(modes) if any_preset[0] == 0 => segments::segment_by_modes(mesh, &mut graph, spec, modes, comm)?,
+        Some(modes) if !any_preset => segments::segment_by_modes(mesh, &mut graph, spec, modes, comm)?,
         _ => segments::segment(mesh, &mut graph, spec, &modal, comm, preset)?,
     };
-    let record = match any_preset[0] {
-        0 => Record::new(mesh, spec, &segmentation.node_segment[..mesh.n_cells()], comm)?.text()?,
-        _ => String::new(),
+    let record = match any_preset {
+        false => Record::new(mesh, spec, &segmentation.node_segment[..mesh.n_cells()], comm)?.text()?,
+        true => String::new(),
     };
     Ok(SegmentsHandle {
         record: CString::new(record).map_err(|e| Error::Internal(format!("record of the segments: {e}")))?,

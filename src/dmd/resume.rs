@@ -66,9 +66,7 @@ impl OnlineDmd {
         }
         let there = numbers(path);
         let superseded = !there.contains(&state.file) && there.iter().any(|n| *n > state.file);
-        let mut anywhere = [i64::from(!superseded)];
-        self.snapshots.comm().min_i64(&mut anywhere);
-        if anywhere == [0] {
+        if self.snapshots.comm().any(superseded) {
             self.begin_beside(path, &state);
             return Ok(Restored::Superseded);
         }

@@ -25,12 +25,11 @@ pub enum PrecisionChoice {
 impl PrecisionChoice {
     /// The precision of all ranks, for a model that was trained in `trained`. Collective.
     pub fn agreed(self, trained: Precision, comm: &Comm) -> Precision {
-        let mut lacking = [i64::from(!Isa::detect().bf16_pays())];
-        comm.max_i64(&mut lacking);
+        let lacking = comm.any(!Isa::detect().bf16_pays());
         match (self, trained) {
             (PrecisionChoice::Fp32, _) | (PrecisionChoice::Model, Precision::Fp32) => Precision::Fp32,
             (PrecisionChoice::Bf16, _) => Precision::Bf16,
-            _ if lacking[0] == 0 => Precision::Bf16,
+            _ if !lacking => Precision::Bf16,
             _ => Precision::Fp32,
         }
     }

@@ -158,9 +158,7 @@ fn positive(name: &str, i: usize, v: f64) -> Result<()> {
 ///
 /// Each number goes to the rank that keeps its block, which marks it: exact, and no rank sees more than its share.
 fn permutation(comm: &Comm, name: &str, numbers: &[i64]) -> Result<i64> {
-    let mut total = [numbers.len() as i64];
-    comm.sum_i64(&mut total);
-    let total = total[0];
+    let total = comm.total(numbers.len());
     let outside = numbers.iter().find(|&&g| g < 0 || g >= total);
     let result = refuse_any(outside, Error::Mesh, |g| {
         format!("{name} holds {g}: expected a permutation of 0 to {} over all ranks", total - 1)

@@ -22,8 +22,7 @@ pub(super) struct Gathered {
 impl Gathered {
     /// On the root, none elsewhere. Collective.
     pub fn of(problem: &Problem, comm: &Comm) -> Option<Self> {
-        let mut total = [problem.stiffness.n() as i64];
-        comm.sum_i64(&mut total);
+        let n = comm.total(problem.stiffness.n()) as usize;
         let k = rows(&problem.stiffness, comm);
         let m = match &problem.mass {
             Mass::Matrix(m) => rows(m, comm),
@@ -32,7 +31,7 @@ impl Gathered {
                 values.map(|(i, v)| (i, i, v)).collect()
             }),
         };
-        Some(Gathered { k: k?, m: m?, n: total[0] as usize })
+        Some(Gathered { k: k?, m: m?, n })
     }
 
     /// # Errors
@@ -75,9 +74,7 @@ pub(super) fn share(problem: &Problem, comm: &Comm, solved: Result<Vec<f64>>) ->
     comm.broadcast(&mut flat);
     let n = problem.stiffness.n();
     let first = comm.exclusive_scan_i64(n as i64) as usize;
-    let mut total = [n as i64];
-    comm.sum_i64(&mut total);
-    let total = total[0] as usize;
+    let total = comm.total(n) as usize;
     Ok(flat
         .chunks_exact(1 + 2 * total)
         .map(|pair| Pair {

@@ -157,9 +157,8 @@ impl<'a> Solution<'a> {
         comm: &'a Comm,
         options: &'a ModalOptions,
     ) -> Result<Self> {
-        let mut total = [problem.stiffness.n() as i64];
-        comm.sum_i64(&mut total);
-        let solution = Solution { problem, frame, comm, options, total: total[0] as usize };
+        let total = comm.total(problem.stiffness.n()) as usize;
+        let solution = Solution { problem, frame, comm, options, total };
         options.same_on_all_ranks(comm)?;
         comm.agree(select::check(options.count, solution.total))?;
         Ok(solution)

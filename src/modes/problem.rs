@@ -132,9 +132,7 @@ impl Problem {
                 m.row.iter().enumerate().all(|(i, r)| i == *r) && m.column.iter().enumerate().all(own)
             }
         };
-        let mut all = [i64::from(diagonal)];
-        comm.min_i64(&mut all);
-        if let (1, Mass::Matrix(m)) = (all[0], &mut self.mass) {
+        if let (false, Mass::Matrix(m)) = (comm.any(!diagonal), &mut self.mass) {
             self.mass = Mass::Diagonal(std::mem::take(&mut m.value));
         }
     }

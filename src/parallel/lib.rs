@@ -219,6 +219,20 @@ impl Comm {
         }
     }
 
+    /// Sum of all ranks' counts. Collective.
+    pub fn total(&self, own: usize) -> i64 {
+        let mut sum = [own as i64];
+        self.sum_i64(&mut sum);
+        sum[0]
+    }
+
+    /// Whether it holds on some rank. Collective.
+    pub fn any(&self, here: bool) -> bool {
+        let mut any = [i64::from(here)];
+        self.max_i64(&mut any);
+        any[0] != 0
+    }
+
     /// Sum of `v` over lower ranks; 0 on rank 0. Collective.
     pub fn exclusive_scan_i64(&self, v: i64) -> i64 {
         match self {

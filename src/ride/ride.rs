@@ -102,8 +102,7 @@ impl<'a> Ride<'a> {
             )));
         }
         let alike = watched_alike(&surrogates, &layout, &settings)?;
-        let mut rows = [global.len() as i64];
-        comm.sum_i64(&mut rows);
+        let rows = comm.total(global.len()) as usize;
         let (mut fields, mut used) = (Vec::new(), vec![false; layout.arrays().len()]);
         for description in surrogates.iter().map(|s| s.describe()) {
             description.advances.iter().chain(&description.reads).for_each(|&i| used[i] = true);
@@ -155,7 +154,7 @@ impl<'a> Ride<'a> {
             totals: Totals::default(),
             global,
             owners,
-            rows: rows[0] as usize,
+            rows,
             handed_back: start.index,
             phase: Phase::Solving,
             step: start,

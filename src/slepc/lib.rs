@@ -111,8 +111,7 @@ fn start(comm: &Comm) -> Result<()> {
         c::SlepcInitialized(&mut slepc_up);
         c::PetscInitialized(&mut petsc_up);
     }
-    let mut up = [petsc_up as i64];
-    comm.sum_i64(&mut up);
+    let up_somewhere = comm.any(petsc_up != 0);
     if slepc_up != 0 {
         return Ok(());
     }
@@ -123,7 +122,7 @@ fn start(comm: &Comm) -> Result<()> {
         };
         check(code)?;
         let alone = raw(&Comm::Serial);
-        if up[0] != 0 {
+        if up_somewhere {
             // SAFETY: read by PETSc's start below; MPI_COMM_SELF lives as long as MPI.
             unsafe { c::PETSC_COMM_WORLD = alone };
         } else if m4gn_parallel::ffi::mpi::world_size() != Some(comm.size()) {

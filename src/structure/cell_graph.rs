@@ -137,17 +137,16 @@ impl Root {
     /// # Errors
     /// [`Error::Input`] for more cells than METIS counts.
     pub fn gather(mesh: &Mesh, graph: &mut Graph, comm: &Comm) -> Result<(Option<Self>, Vec<i64>)> {
-        let mut total = [mesh.n_cells() as i64];
-        comm.sum_i64(&mut total);
+        let total = comm.total(mesh.n_cells());
         let most = i64::from(i32::MAX / 2);
-        if total[0] > most {
-            return Err(Error::Input(format!("{} cells: METIS counts to {most}", total[0])));
+        if total > most {
+            return Err(Error::Input(format!("{total} cells: METIS counts to {most}")));
         }
         let number = by_place(mesh, comm);
         let pairs = comm.gather(&numbered_pairs(&number, graph, comm));
         let root = pairs.zip(comm.gather(&number)).map(|(pairs, cells)| {
             let pairs = pairs.concat();
-            Root { graph: CellGraph::new(total[0] as usize, pairs.as_chunks::<2>().0), cells }
+            Root { graph: CellGraph::new(total as usize, pairs.as_chunks::<2>().0), cells }
         });
         Ok((root, number))
     }

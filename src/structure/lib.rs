@@ -94,14 +94,13 @@ pub fn segment(
     preset: Option<&[i32]>,
 ) -> Result<Segmentation> {
     let total = check(mesh, spec, comm)?;
-    let mut any_preset = [preset.is_some() as i64];
-    comm.max_i64(&mut any_preset);
+    let any_preset = comm.any(preset.is_some());
     match preset {
         Some(labels) => {
             let cells = preset_labels(mesh, labels, spec.count, comm)?;
             overlap::complete(mesh, graph, spec, comm, cells)
         }
-        None if any_preset[0] != 0 => {
+        None if any_preset => {
             comm.agree(Err(Error::Input("other ranks give preset segments, this one does not".into())))
         }
         None => {
@@ -140,19 +139,18 @@ fn needs_modes(spec: &SegmentSpec, total: i64) -> bool {
 
 /// Cells of all ranks, if the spec suits them. Collective.
 fn check(mesh: &Mesh, spec: &SegmentSpec, comm: &Comm) -> Result<i64> {
-    let mut total = [mesh.n_cells() as i64];
-    comm.sum_i64(&mut total);
-    if spec.count == 0 || spec.count as i64 > total[0] {
+    let total = comm.total(mesh.n_cells());
+    if spec.count == 0 || spec.count as i64 > total {
         return Err(Error::Input(format!(
-            "{} segments for {} cells: expected 1 to {}; set segments in the dictionary",
-            spec.count, total[0], total[0]
+            "{} segments for {total} cells: expected 1 to {total}; set segments in the dictionary",
+            spec.count
         )));
     }
     if spec.count > MAX_SEGMENTS {
         return Err(Error::Input(format!("{} segments: expected at most {MAX_SEGMENTS}", spec.count)));
     }
     spec.check()?;
-    Ok(total[0])
+    Ok(total)
 }
 
 /// METIS, SLIC where the method has it, connected pieces, overlap. Collective.

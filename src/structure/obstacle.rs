@@ -69,11 +69,7 @@ fn obstacle_faces<'a>(
     comm: &Comm,
 ) -> Result<(Vec<&'a BoundaryFace>, String)> {
     let patch = |b: &BoundaryFace| mesh.patches[b.patch as usize].as_str();
-    let found = |faces: Vec<&'a BoundaryFace>| {
-        let mut count = [faces.len() as i64];
-        comm.sum_i64(&mut count);
-        (count[0] > 0).then_some(faces)
-    };
+    let found = |faces: Vec<&'a BoundaryFace>| comm.any(!faces.is_empty()).then_some(faces);
     let all = |wanted: &dyn Fn(&BoundaryFace) -> bool| mesh.boundary.iter().filter(|b| wanted(b)).collect();
     let none = || {
         Error::Input(format!(

@@ -36,9 +36,7 @@ pub(super) fn complete(
             }
         }
         graph.halo.exchange_i64(comm, &mut sets, words);
-        let mut grown = [(sets != before) as i64];
-        comm.max_i64(&mut grown);
-        if grown[0] == 0 {
+        if !comm.any(sets != before) {
             break;
         }
     }

@@ -101,10 +101,9 @@ impl Points {
 
     /// Mean silhouette and the number of cells that it is the mean of. Collective.
     fn silhouette(&self, mesh: &Mesh, labels: &[i32], count: usize, comm: &Comm) -> (f64, usize) {
-        let mut total = [labels.len() as i64];
-        comm.sum_i64(&mut total);
+        let total = comm.total(labels.len());
         let asked: Vec<usize> =
-            (0..labels.len()).filter(|&cell| chosen(mesh.cell_global[cell], total[0])).collect();
+            (0..labels.len()).filter(|&cell| chosen(mesh.cell_global[cell], total)).collect();
         let width = self.coordinates.len();
         let rows: Vec<f64> =
             asked.iter().flat_map(|&cell| self.coordinates.iter().map(move |x| x[cell])).collect();

@@ -58,10 +58,9 @@ impl Marks {
         }
         let mut flat = sums.concat();
         comm.sum_f64(&mut flat);
-        let mut cells = [mesh.n_cells() as i64];
-        comm.sum_i64(&mut cells);
+        let cells = comm.total(mesh.n_cells());
         let pairs: Vec<[f64; 2]> = flat.chunks_exact(2).map(|c| [c[0], c[1]]).collect();
-        Marks { cells: cells[0], mesh: pairs[..8].to_vec(), labels: pairs[8..].to_vec() }
+        Marks { cells, mesh: pairs[..8].to_vec(), labels: pairs[8..].to_vec() }
     }
 }
 

@@ -66,8 +66,7 @@ fn default_size(mesh: &Mesh, extent: &Extent, count: usize) -> f64 {
 
 impl Features {
     fn new(mesh: &Mesh, spec: &SegmentSpec, comm: &Comm, modes: &[Vec<f64>]) -> Result<Self> {
-        let mut total = [mesh.n_cells() as i64];
-        comm.sum_i64(&mut total);
+        let total = comm.total(mesh.n_cells());
         let extent = Extent::of(mesh, comm);
         let size = spec.size.unwrap_or_else(|| default_size(mesh, &extent, spec.count));
         let obstacle = obstacle::feature(mesh, spec, size, comm)?;
@@ -89,7 +88,7 @@ impl Features {
                 "segments.size: expected a length in m like those of the mesh, found {size:e}"
             )));
         }
-        let room = 2f64.powi(61) / total[0] as f64;
+        let room = 2f64.powi(61) / total as f64;
         // A power of two: `largest` carries rounding noise, the quantum must not.
         let quantum = (QUANTUM * size).max((largest[0] / room).log2().ceil().exp2()).max(f64::MIN_POSITIVE);
         let width = usize::from(spec.method.uses_obstacle()) + modes.len() + mesh.dim();
@@ -127,11 +126,10 @@ impl Features {
             let centroids = self.centroids(comm, spec.count, &labels);
             let mut next = self.nearest(&labels, &centroids);
             self.keep_one_each(number, comm, spec.count, &centroids, &labels, &mut next);
-            let mut moved = [labels.iter().zip(&next).filter(|(a, b)| a != b).count() as i64];
-            comm.sum_i64(&mut moved);
+            let moved = comm.total(labels.iter().zip(&next).filter(|(a, b)| a != b).count()) as usize;
             labels = next;
-            sweeps.push(moved[0] as usize);
-            if moved[0] == 0 {
+            sweeps.push(moved);
+            if moved == 0 {
                 break;
             }
         }

@@ -174,9 +174,7 @@ impl Trainer<'_> {
         let mut advice = Advice::default();
         report.begin(t.steps, self.progress.step);
         while self.progress.step < t.steps {
-            let mut stopped = [i64::from(stop.load(Ordering::Relaxed))];
-            self.comm.max_i64(&mut stopped);
-            if stopped[0] != 0 {
+            if self.comm.any(stop.load(Ordering::Relaxed) != 0) {
                 report.end();
                 self.save()?;
                 return Err(Error::Interrupted(format!(

@@ -17,14 +17,13 @@ pub fn run(name: &str, checks: impl FnOnce(&Comm) -> Result<Vec<String>>) -> Exi
     };
     let failures = checks(&comm).unwrap_or_else(|e| vec![e.to_string()]);
     failures.iter().for_each(|f| eprintln!("{name}, rank {} of {}: {f}", comm.rank(), comm.size()));
-    let mut count = [failures.len() as i64];
-    comm.sum_i64(&mut count);
-    if comm.is_root() && count[0] == 0 {
+    let failed = comm.any(!failures.is_empty());
+    if comm.is_root() && !failed {
         println!("{name}: ok on {} ranks", comm.size());
     }
     drop(comm);
     finalize();
-    if count[0] == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+    if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS }
 }
 
 /// Remembers what failed on this rank.

@@ -57,12 +57,9 @@ impl CellsHost {
                 None => labels.to_vec(),
             }
         });
-        let mut handed_in = [i64::from(options.labels.is_some())];
-        comm.max_i64(&mut handed_in);
+        let handed_in = comm.any(options.labels.is_some());
         let segment_record = match &structure.segments {
-            Some(_) if handed_in[0] == 0 => {
-                Record::new(mesh, options.segments, &node_segment, comm)?.text()?
-            }
+            Some(_) if !handed_in => Record::new(mesh, options.segments, &node_segment, comm)?.text()?,
             _ => String::new(),
         };
         let domain = Cells::new(nodes, spec);
@@ -246,7 +243,6 @@ fn enough(mesh: &Mesh, groups: &Mesh, segments: &SegmentSpec, comm: &Comm) -> Re
 
 /// The labels handed in. A rank without cells has labels, none, exactly if another rank has some. Collective.
 fn on_all_ranks<'a>(labels: Option<&'a [i32]>, n_cells: usize, comm: &Comm) -> Option<&'a [i32]> {
-    let mut any = [i64::from(labels.is_some())];
-    comm.max_i64(&mut any);
-    if n_cells > 0 { labels } else { (any[0] != 0).then_some(&[]) }
+    let any = comm.any(labels.is_some());
+    if n_cells > 0 { labels } else { any.then_some(&[]) }
 }

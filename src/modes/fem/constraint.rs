@@ -49,15 +49,14 @@ pub(super) fn held(
     let sums = numbering.sum_at_owner(comm, &numbers, &flags, dim);
     let held: Vec<[bool; 3]> =
         sums.chunks_exact(dim).map(|s| [0, 1, 2].map(|d| s.get(d).is_some_and(|&v| v > 0.0))).collect();
-    let mut count = [held.iter().flatten().filter(|h| **h).count() as i64];
-    comm.sum_i64(&mut count);
-    let problem = if count[0] == 0 && !free_body {
+    let count = comm.total(held.iter().flatten().filter(|h| **h).count());
+    let problem = if count == 0 && !free_body {
         Err(Error::Input(
             "no displacement is held on any rank: expected the points of at least one fixed patch (fixedDisplacement, \
              or fixedValue for D); check the patches' names and types, or ask for a free body's modes"
                 .into(),
         ))
-    } else if count[0] == numbering.total() * dim as i64 {
+    } else if count == numbering.total() * dim as i64 {
         Err(Error::Input("all displacements of all points are held: expected a body that can move".into()))
     } else {
         Ok(held)

@@ -97,9 +97,7 @@ impl PointMesh {
     /// same way. Collective; all ranks fail together.
     pub fn check(&self, comm: &Comm) -> Result<()> {
         comm.agree(check::local(self))?;
-        let mut cells = [self.n_cells as i64];
-        comm.sum_i64(&mut cells);
-        refuse(cells[0] == 0, Error::Mesh, || "the mesh has no cells on any rank")?;
+        refuse(!comm.any(self.n_cells > 0), Error::Mesh, || "the mesh has no cells on any rank")?;
         same_on_all_ranks(comm, &[("number of directions", self.dim() as i64)])
     }
 

@@ -144,13 +144,12 @@ struct Directory {
 impl Directory {
     fn new(mesh: &PointMesh, comm: &Comm) -> Result<Self> {
         let size = comm.size() as usize;
-        let mut held = [mesh.points.len() as i64];
-        comm.sum_i64(&mut held);
+        let held = comm.total(mesh.points.len());
         let mut most = [mesh.point_global.iter().copied().max().unwrap_or(-1)];
         comm.max_i64(&mut most);
-        let bad = mesh.point_global.iter().find(|&&g| g < 0 || g >= held[0]);
+        let bad = mesh.point_global.iter().find(|&&g| g < 0 || g >= held);
         comm.agree(refuse_any(bad, Error::Mesh, |g| {
-            format!("point_global holds {g}: expected 0 to N - 1 for N points, at most {} here", held[0])
+            format!("point_global holds {g}: expected 0 to N - 1 for N points, at most {held} here")
         }))?;
         let total = most[0] + 1;
         let block = (total + size as i64 - 1) / size as i64;

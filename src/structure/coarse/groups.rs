@@ -64,9 +64,7 @@ pub(super) fn agglomerate(
     edge_length: f64,
     comm: &Comm,
 ) -> Result<Option<(Vec<i32>, usize)>> {
-    let mut total = [mesh.n_cells() as i64];
-    comm.sum_i64(&mut total);
-    let n = total[0] as usize;
+    let n = comm.total(mesh.n_cells()) as usize;
     let ratio = (cell_size(mesh, comm) / edge_length).min(1.0);
     let wanted = (n as f64 * ratio.powi(mesh.dim() as i32)).round().max(1.0) as usize;
     if 4 * wanted > 3 * n {
