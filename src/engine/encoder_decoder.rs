@@ -7,6 +7,7 @@ use super::kernels::{
     Addend, Function, Isa, Norm, Normed, Number, Output, Packed, layer_norm, narrow, padded, product,
 };
 use super::linear::{self, Linear, Tail};
+use super::scale::Scale;
 use super::tiles::{Scratch, blocks};
 use m4gn_base::Result;
 use m4gn_model::{Model, ModelSpec};
@@ -141,8 +142,8 @@ pub struct Decoder<T> {
     pub bias: Vec<f32>,
     /// Of h_S in the first layer; none without a macro stage.
     pub segment: Option<Packed<f32>>,
-    mean: Vec<f32>,
-    std: Vec<f32>,
+    /// Of the outputs.
+    scale: Scale,
 }
 
 impl<T: Number> Decoder<T> {
@@ -163,8 +164,7 @@ impl<T: Number> Decoder<T> {
                 .decodes_segments()
                 .then(|| linear::columns(isa, model, "decoder.0", d..2 * d))
                 .transpose()?,
-            mean: model.tensor("norm.output.mean")?.data.clone(),
-            std: model.tensor("norm.output.std")?.data.clone(),
+            scale: Scale::of_model(model, "output")?,
         })
     }
 
@@ -200,18 +200,9 @@ impl<T: Number> Decoder<T> {
         let stride = padded(self.last.weight.inputs());
         self.last.run(isa, (c, stride), n, Function::Identity, Output::Wide(raw));
         let width = self.last.weight.columns();
-        for x in raw.chunks_exact_mut(width).take(n) {
-            for ((x, mean), std) in x.iter_mut().zip(&self.mean).zip(&self.std) {
-                *x = *x * std + mean;
-            }
+        for row in raw.chunks_exact_mut(width).take(n) {
+            self.scale.to_physical(&mut row[..self.scale.channels()]);
         }
         width
     }
-}
-
-/// Mean and 1/std of a normaliser.
-pub fn normaliser(model: &Model, name: &str) -> Result<(Vec<f32>, Vec<f32>)> {
-    let mean = model.tensor(&format!("norm.{name}.mean"))?.data.clone();
-    let std = &model.tensor(&format!("norm.{name}.std"))?.data;
-    Ok((mean, std.iter().map(|s| 1.0 / s).collect()))
 }

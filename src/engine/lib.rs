@@ -27,6 +27,7 @@ mod pool;
 mod processor;
 mod profile;
 mod recurrence;
+mod scale;
 mod segment_stage;
 mod tiles;
 pub mod torch;

@@ -10,7 +10,6 @@ use super::processor::Processor;
 use super::weights::{Gradients, Slots};
 use crate::kernels::{Buffer, Isa, Number, padded};
 use crate::order::Order;
-use crate::processor::features;
 use crate::tiles::{self, Tile};
 use m4gn_base::Result;
 use m4gn_model::ModelSpec;
@@ -89,8 +88,7 @@ impl<T: Number> Processor<T> for BiStride<T> {
             let (order, tiles, of_edges) = graph.level::<T>(l);
             let kept = &mut layers[number];
             kept.fit(order.node.len(), order.senders.len(), &self.layers[number]);
-            let scale = (&scales.edge.mean[..], &scales.edge.inverse[..]);
-            features(scale, of_edges, &order.edge, columns, &mut kept.edges);
+            scales.edge.normalise_rows(of_edges, &order.edge, columns, &mut kept.edges);
             self.layers[number].forward(Links::of(order), &tiles, kept, &mut work.shared, nodes, None);
         };
         cleared(&mut rows[0], size).copy_from_slice(&work.latents[..size]);

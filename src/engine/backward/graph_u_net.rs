@@ -1,6 +1,5 @@
 //! g-U-Net (Gao and Ji 2019), forward with what is kept, and backward. Which nodes are kept has no derivative.
 
-use super::Scales;
 use super::attention::add;
 use super::graph::TrainGraph;
 use super::layer::{Layer, LayerTape, Links};
@@ -8,9 +7,10 @@ use super::mlp::fit;
 use super::network::Buffers;
 use super::processor::Processor;
 use super::weights::{Gradients, Slots, Vector};
+use super::{Scale, Scales};
 use crate::kernels::{Buffer, Isa, Number, padded};
 use crate::order::Order;
-use crate::processor::{features, scores, unit};
+use crate::processor::{scores, unit};
 use crate::tiles;
 use m4gn_base::Result;
 use m4gn_model::ModelSpec;
@@ -86,22 +86,21 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
         work: &mut Buffers<T>,
     ) {
         let columns = self.columns;
-        let k = scales.edge.mean.len();
+        let k = scales.edge.channels();
         let (depth, size) = (self.scores.len(), graph.n_nodes() * columns);
         let GraphUNetTape { layers, below, rows, .. } = tape;
-        let scale = (&scales.edge.mean[..], &scales.edge.inverse[..]);
         let by_number: Vec<u32> = (0..graph.n_edges() as u32).collect();
         let mut normed = vec![0f32; graph.n_edges() * k];
-        features(scale, &graph.edge_features, &by_number, k, &mut normed);
+        scales.edge.normalise_rows(&graph.edge_features, &by_number, k, &mut normed);
         let (senders, receivers) = graph.ends();
-        let as_they_are = (&vec![0.0; k][..], &vec![1.0; k][..]);
+        let as_they_are = Scale::unit(k);
         below.clear();
         fit(&mut rows[0], size);
         rows[0][..size].copy_from_slice(&work.latents[..size]);
         let mut layer = |number: usize, order: &Order, of_edges: &[f32], nodes: &mut [f32]| {
             let kept = &mut layers[number];
             kept.fit(order.node.len(), order.senders.len(), &self.layers[number]);
-            features(as_they_are, of_edges, &order.edge, columns, &mut kept.edges);
+            as_they_are.normalise_rows(of_edges, &order.edge, columns, &mut kept.edges);
             let tiles = tiles::cut::<T>(&order.row, order.n_interior);
             self.layers[number].forward(Links::of(order), &tiles, kept, &mut work.shared, nodes, None);
         };
@@ -166,7 +165,7 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
         edges: Option<&mut [Vec<f32>]>,
     ) {
         let columns = self.columns;
-        let k = scales.edge.mean.len();
+        let k = scales.edge.channels();
         let (depth, size) = (self.scores.len(), graph.n_nodes() * columns);
         let GraphUNetTape { layers, below, rows, by_edges } = tape;
         let Buffers { shared, d_edges, d_nodes, .. } = work;
@@ -223,7 +222,7 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
             transposed.add(0..finer[l].len() / k, k, &own[0], &mut finer[l]);
         }
         for (to, d) in edges.chunks_exact_mut(k).zip(by_edges[0].chunks_exact(k)) {
-            to.iter_mut().zip(d).zip(&scales.edge.inverse).for_each(|((to, d), inverse)| *to = d * inverse);
+            scales.edge.derivative(d, to);
         }
     }
 }

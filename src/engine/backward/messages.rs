@@ -109,12 +109,8 @@ impl<T: Number> Processor<T> for Messages<T> {
         if self.edges.len() > 1 {
             sums_of_kinds(&graph.order, &graph.edge_features, &mut tape.sums);
         }
-        let k = self.n_edge_features;
-        let rows = tape.edges.features.chunks_exact_mut(self.edges[0].stride);
-        for (to, &edge) in rows.zip(&graph.order.edge) {
-            let edge = edge as usize;
-            scales.edge.normalise(&graph.edge_features[edge * k..(edge + 1) * k], to);
-        }
+        let (stride, of_edges) = (self.edges[0].stride, &graph.edge_features);
+        scales.edge.normalise_rows(of_edges, &graph.order.edge, stride, &mut tape.edges.features);
         let MessagesTape { edges, sums, layers, .. } = tape;
         if let Some(first) = layers.first_mut() {
             let links = self.links(&graph.order, sums);
@@ -184,9 +180,7 @@ impl<T: Number> Processor<T> for Messages<T> {
                 let k = self.n_edge_features;
                 let numbers = graph.order.edge[rows].iter();
                 for (&edge, d) in numbers.zip(d_features.chunks_exact(self.edges[0].stride)) {
-                    let to = &mut to[edge as usize * k..(edge as usize + 1) * k];
-                    let pairs = to.iter_mut().zip(d).zip(&scales.edge.inverse);
-                    pairs.for_each(|((to, d), inverse)| *to = d * inverse);
+                    scales.edge.derivative(d, &mut to[edge as usize * k..(edge as usize + 1) * k]);
                 }
             }
         }

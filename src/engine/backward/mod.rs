@@ -32,6 +32,7 @@ mod stage;
 mod tests;
 mod weights;
 
+pub use crate::scale::Scale;
 pub use graph::TrainGraph;
 pub use layout::{Layout, normal};
 pub use optimiser::{Optimiser, UpdateRule, norm};
@@ -46,42 +47,6 @@ use m4gn_model::{Kind, ModelSpec};
 use messages::Messages;
 use network::Network;
 use std::any::Any;
-
-/// Mean and deviation of the channels of features.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Scale {
-    /// Means.
-    pub mean: Vec<f32>,
-    /// Deviations.
-    pub std: Vec<f32>,
-    /// One over these.
-    pub inverse: Vec<f32>,
-}
-
-impl Scale {
-    /// Of means and deviations.
-    pub fn new(mean: Vec<f32>, std: Vec<f32>) -> Self {
-        let inverse = std.iter().map(|s| 1.0 / s).collect();
-        Scale { mean, std, inverse }
-    }
-
-    /// Rows of normalised channels to physical ones.
-    pub fn to_physical(&self, rows: &mut [f32]) {
-        for row in rows.chunks_exact_mut(self.mean.len()) {
-            let scales = self.mean.iter().zip(&self.std);
-            let pairs = row.iter_mut().zip(scales);
-            pairs.for_each(|(y, (mean, std))| *y = *y * std + mean);
-        }
-    }
-
-    /// A row of channels.
-    fn normalise(&self, row: &[f32], to: &mut [f32]) {
-        let scales = self.mean.iter().zip(&self.inverse);
-        for ((to, x), (mean, inverse)) in to.iter_mut().zip(row).zip(scales) {
-            *to = (x - mean) * inverse;
-        }
-    }
-}
 
 /// The normalisers of a model.
 #[derive(Clone, Debug, PartialEq)]

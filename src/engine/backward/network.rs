@@ -244,8 +244,7 @@ impl<T: Number, P: Processor<T>> Trainable for Network<T, P> {
                 let places = graph.order.node[rows].iter();
                 for (&node, d) in places.zip(d_features.chunks_exact(self.nodes.stride)) {
                     let to = &mut inputs.nodes[node as usize * k..(node as usize + 1) * k];
-                    let pairs = to.iter_mut().zip(d).zip(&scales.node.inverse);
-                    pairs.for_each(|((to, d), inverse)| *to = d * inverse);
+                    scales.node.derivative(d, to);
                 }
             }
         }

@@ -20,10 +20,7 @@ fn wave(n: usize, step: f32) -> Vec<f32> {
 }
 
 pub(crate) fn scales(model: &Model) -> Scales {
-    let scale = |name: &str| {
-        let part = |which: &str| model.tensor(&format!("norm.{name}.{which}")).unwrap().data.clone();
-        Scale::new(part("mean"), part("std"))
-    };
+    let scale = |name: &str| Scale::of_model(model, name).unwrap();
     Scales { node: scale("node"), edge: scale("edge"), output: scale("output") }
 }
 

@@ -4,13 +4,14 @@ mod passes;
 mod report;
 
 use super::EngineOptions;
-use super::encoder_decoder::{Decoder, Encoder, Fixed, normaliser};
+use super::encoder_decoder::{Decoder, Encoder, Fixed};
 use super::grid::Grid;
 use super::kernels::{Buffer, Isa, Number, padded};
 use super::order::Order;
 use super::pool::Pool;
 use super::processor::{self, Processor};
 use super::profile::Profile;
+use super::scale::Scale;
 use super::tiles::Scratch;
 use m4gn_base::{Error, Result};
 use m4gn_model::Model;
@@ -31,8 +32,8 @@ pub struct Network<T> {
 
     encoder: Encoder<T>,
     fixed: Fixed,
-    input_mean: Vec<f32>,
-    input_scale: Vec<f32>,
+    /// Of the inputs.
+    scale: Scale,
     processor: Box<dyn Processor<T>>,
     decoder: Decoder<T>,
     /// What h_S contributes to the decoder's first layer, a row a segment.
@@ -59,7 +60,6 @@ impl<T: Number + Element> Network<T> {
         let scratch = (0..pool.n_threads()).map(|_| Scratch::new(widest, kinds, raw, options.profile));
         let scratch = scratch.collect();
         let grid = Grid::new(graph, columns, pool, scratch, options.profile);
-        let (input_mean, input_scale) = normaliser(model, "node")?;
         let decoder = Decoder::new(isa, model)?;
         let processor = processor::new(model, structure, &grid, keep_encoded)?;
         let n_segments = processor.stage().map_or(0, |s| s.count());
@@ -70,8 +70,7 @@ impl<T: Number + Element> Network<T> {
             cells: Vec::new(),
             encoder: Encoder::new(isa, model, "encoder.node", spec.n_field_inputs())?,
             fixed: Fixed::new(isa, model, structure)?,
-            input_mean,
-            input_scale,
+            scale: Scale::of_model(model, "node")?,
             table: Buffer::new(n_segments * decoder.columns()),
             processor,
             decoder,

@@ -12,17 +12,13 @@ impl<T: Number + Element> Network<T> {
     pub(super) fn encode_nodes(&mut self, inputs: &[f32]) {
         let Network { grid, n_inputs, .. } = self;
         let (columns, k) = (grid.columns, *n_inputs);
-        let (encoder, fixed) = (&self.encoder, &self.fixed);
-        let (mean, scale) = (&self.input_mean, &self.input_scale);
+        let (encoder, fixed, scale) = (&self.encoder, &self.fixed, &self.scale);
         grid.sweep_own(|s, tile, order, out| {
             s.clock.start();
             let places = &tile.nodes;
             for (row, &node) in order.node[places.clone()].iter().enumerate() {
                 let raw = &inputs[node as usize * k..(node as usize + 1) * k];
-                let x = s.raw[row * k..].iter_mut();
-                for (((x, raw), m), scale) in x.zip(raw).zip(mean).zip(scale) {
-                    *x = (raw - m) * scale;
-                }
+                scale.normalise(raw, &mut s.raw[row * k..]);
                 let fixed = &fixed.rows[fixed.row[node as usize] as usize * columns..][..columns];
                 s.sums[row * columns..(row + 1) * columns].copy_from_slice(fixed);
             }

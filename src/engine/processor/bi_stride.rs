@@ -1,12 +1,12 @@
 //! BSMS-GNN (Cao et al. 2023): message passing on the graph, on coarser ones down to the coarsest, and up again.
 
 use super::{Processor, flops_of_features};
-use crate::encoder_decoder::normaliser;
 use crate::grid::Grid;
 use crate::kernels::{Buffer, Number};
 use crate::passing::{Layer, Topology};
 use crate::pool::{Parts, Pool};
 use crate::profile::Phase;
+use crate::scale::Scale;
 use m4gn_base::Result;
 use m4gn_model::Model;
 use m4gn_parallel::{Comm, Element, Halo};
@@ -16,8 +16,8 @@ use m4gn_structure::{Structure, Transfer};
 pub struct BiStride<T> {
     /// Down, on the coarsest graph, up.
     layers: Vec<Layer<T>>,
-    /// Mean, and one over the deviation, of each edge feature.
-    edge_scale: (Vec<f32>, Vec<f32>),
+    /// Of the edges' features.
+    edge_scale: Scale,
     /// Of the graph itself.
     finest: Floor<T>,
     coarser: Vec<Coarser<T>>,
@@ -43,26 +43,10 @@ struct Coarser<T> {
     up: Transfer,
 }
 
-/// Rows of normalised features in an order of the edges.
-pub fn features<T: Number>(
-    (mean, scale): (&[f32], &[f32]),
-    features: &[f32],
-    order: &[u32],
-    columns: usize,
-    to: &mut [T],
-) {
-    let k = mean.len();
-    for (to, &e) in to.chunks_exact_mut(columns).zip(order) {
-        let row = features[e as usize * k..(e as usize + 1) * k].iter().zip(mean).zip(scale);
-        to.iter_mut().zip(row).for_each(|(to, ((x, mean), scale))| *to = T::from_f32((x - mean) * scale));
-    }
-}
-
 impl<T: Number + Element> BiStride<T> {
     /// The layers of a model.
     pub fn new(model: &Model, structure: &Structure, grid: &Grid<T>) -> Result<Self> {
         let architecture = &model.spec.architecture;
-        let edge_scale = normaliser(model, "edge")?;
         let mut coarser: Vec<Coarser<T>> = Vec::new();
         for level in structure.levels_for(architecture.needs())? {
             let pool = Pool::new(1, grid.isa);
@@ -80,7 +64,7 @@ impl<T: Number + Element> BiStride<T> {
         Ok(BiStride {
             layers: layers.map(|l| Layer::new(grid.isa, model, l)).collect::<Result<_>>()?,
             finest: Floor::of_nodes(grid),
-            edge_scale,
+            edge_scale: Scale::of_model(model, "edge")?,
             coarser,
         })
     }
@@ -137,17 +121,11 @@ impl<T: Number + Element> Floor<T> {
     }
 
     /// Takes the features of edges in this order.
-    pub fn take(
-        &mut self,
-        order: &[u32],
-        of_edges: &[f32],
-        (mean, scale): &(Vec<f32>, Vec<f32>),
-        columns: usize,
-    ) {
+    pub fn take(&mut self, order: &[u32], of_edges: &[f32], scale: &Scale, columns: usize) {
         if self.features.len() != order.len() * columns {
             self.features = Buffer::new(order.len() * columns);
         }
-        features((mean, scale), of_edges, order, columns, &mut self.features);
+        scale.normalise_rows(of_edges, order, columns, &mut self.features);
     }
 
     /// One layer with its halo exchange.
@@ -202,6 +180,6 @@ impl<T: Number + Element> Processor<T> for BiStride<T> {
             (layers * g.n_owned as f64, layers * g.order.senders.len() as f64)
         });
         let both = sizes.fold((0.0, 0.0), |sum, (n, e)| (sum.0 + n, sum.1 + e));
-        flops_of_features(model, self.edge_scale.0.len(), both)
+        flops_of_features(model, self.edge_scale.channels(), both)
     }
 }

@@ -2,14 +2,14 @@
 //!
 //! Its coarser graphs depend on the state: they are made in each step, on one rank.
 
-use super::bi_stride::{Floor, features};
+use super::bi_stride::Floor;
 use super::{Processor, flops_of_features};
-use crate::encoder_decoder::normaliser;
 use crate::grid::Grid;
 use crate::kernels::{Number, padded};
 use crate::passing::Layer;
 use crate::pool::Pool;
 use crate::profile::Phase;
+use crate::scale::Scale;
 use m4gn_base::Result;
 use m4gn_model::Model;
 use m4gn_parallel::{Comm, Element};
@@ -21,8 +21,8 @@ pub struct GraphUNet<T> {
     layers: Vec<Layer<T>>,
     /// A unit vector a level, whose product with a node's latents is its score.
     scores: Vec<Vec<f32>>,
-    /// Mean, and one over the deviation, of each edge feature.
-    edge_scale: (Vec<f32>, Vec<f32>),
+    /// Of the edges' features.
+    edge_scale: Scale,
     finest: Floor<T>,
     graph: Links,
 }
@@ -61,7 +61,7 @@ impl<T: Number + Element> GraphUNet<T> {
         Ok(GraphUNet {
             layers: layers.map(|l| Layer::new(grid.isa, model, l)).collect::<Result<_>>()?,
             scores: (0..levels).map(score).collect::<Result<_>>()?,
-            edge_scale: normaliser(model, "edge")?,
+            edge_scale: Scale::of_model(model, "edge")?,
             finest: Floor::of_nodes(grid),
             graph: Links::default(),
         })
@@ -92,9 +92,8 @@ impl<T: Number + Element> GraphUNet<T> {
         let mut next: Grid<T> = Grid::new(&graph, columns, pool, Vec::new(), grid.timed);
         (below.senders, below.receivers) = (graph.senders, graph.receivers);
         below.nodes = kept.iter().map(|&i| links.nodes[i as usize]).collect();
-        let as_they_are = (vec![0.0; k], vec![1.0; k]);
         let mut ground = Floor::of_nodes(&next);
-        ground.take(&next.order.edge, &below.features, &as_they_are, columns);
+        ground.take(&next.order.edge, &below.features, &Scale::unit(k), columns);
         // Where a place of the coarser graph stands in this one.
         let above = |p: usize| place[kept[next.order.node[p] as usize] as usize] as usize * columns;
         let above: Vec<usize> = (0..next.n_owned).map(above).collect();
@@ -115,11 +114,10 @@ impl<T: Number + Element> GraphUNet<T> {
 impl<T: Number + Element> Processor<T> for GraphUNet<T> {
     fn place(&mut self, grid: &mut Grid<T>, structure: &Structure) {
         let graph = &structure.graph;
-        let k = self.edge_scale.0.len();
+        let k = self.edge_scale.channels();
         let order: Vec<u32> = (0..graph.senders.len() as u32).collect();
-        let scale = (&self.edge_scale.0[..], &self.edge_scale.1[..]);
         let mut normed = vec![0f32; order.len() * k];
-        features(scale, &graph.edge_features, &order, k, &mut normed);
+        self.edge_scale.normalise_rows(&graph.edge_features, &order, k, &mut normed);
         self.graph = Links {
             nodes: structure.choice(),
             senders: graph.senders.clone(),
@@ -137,6 +135,6 @@ impl<T: Number + Element> Processor<T> for GraphUNet<T> {
     fn flops(&self, grid: &Grid<T>, model: &Model) -> Vec<(Phase, f64)> {
         let layers = 4.0 - 3.0 * 0.5f64.powi(self.scores.len() as i32);
         let both = (layers * grid.n_owned as f64, layers * grid.order.senders.len() as f64);
-        flops_of_features(model, self.edge_scale.0.len(), both)
+        flops_of_features(model, self.edge_scale.channels(), both)
     }
 }

@@ -1,7 +1,7 @@
 //! Message passing (eq. 1 to 4), with the macro stage (eq. 9 to 13) where there is one.
 
-use super::{Processor, features};
-use crate::encoder_decoder::{Encoder, normaliser};
+use super::Processor;
+use crate::encoder_decoder::Encoder;
 use crate::grid::Grid;
 use crate::kernels::{
     Addend, Buffer, Function, Isa, Normed, Number, Output, Packed, add_means, narrow, product,
@@ -11,6 +11,7 @@ use crate::order::Order;
 use crate::passing::{Layer, Topology};
 use crate::pool::Parts;
 use crate::profile::Phase;
+use crate::scale::Scale;
 use crate::segment_stage::SegmentStage;
 use crate::tiles::{Scratch, Tile, runs, sums_of_kinds};
 use m4gn_base::Result;
@@ -42,8 +43,7 @@ pub struct Messages<T> {
 struct Features<T> {
     /// Of each kind of edges, with the bias of its first layer.
     encoders: Vec<(Encoder<T>, Vec<f32>)>,
-    /// Mean, and one over the deviation, of each feature.
-    scale: (Vec<f32>, Vec<f32>),
+    scale: Scale,
     /// Normalised; empty once the edges are encoded for good.
     normed: Vec<f32>,
     /// Row of the sum that each edge adds to, where edges are of several kinds.
@@ -58,7 +58,7 @@ impl<T: Number> Features<T> {
         };
         Ok(Features {
             encoders: model.spec.architecture.edge_encoders().iter().map(encoder).collect::<Result<_>>()?,
-            scale: normaliser(model, "edge")?,
+            scale: Scale::of_model(model, "edge")?,
             normed: Vec::new(),
             sums: Vec::new(),
         })
@@ -66,9 +66,9 @@ impl<T: Number> Features<T> {
 
     /// Takes those of a graph's edges.
     fn place(&mut self, order: &Order, physical: &[f32]) {
-        let (mean, scale) = &self.scale;
-        self.normed.resize(order.edge.len() * mean.len(), 0.0);
-        features((mean, scale), physical, &order.edge, mean.len(), &mut self.normed);
+        let k = self.scale.channels();
+        self.normed.resize(order.edge.len() * k, 0.0);
+        self.scale.normalise_rows(physical, &order.edge, k, &mut self.normed);
         if self.encoders.len() > 1 {
             sums_of_kinds(order, physical, &mut self.sums);
         }
@@ -81,7 +81,7 @@ impl<T: Number> Features<T> {
 
     /// Encodes a tile's edges into `out`, its rows (eq. 1).
     fn encode(&self, tile: &Tile, order: &Order, scratch: &mut Scratch<T>, out: &mut [T]) {
-        let k = self.scale.0.len();
+        let k = self.scale.channels();
         for chunk in tile.chunks::<T>() {
             for (run, kind) in runs(chunk, &order.receivers, self.sums(order)) {
                 let (encoder, bias) = &self.encoders[kind];
@@ -240,7 +240,7 @@ impl<T: Number + Element> Processor<T> for Messages<T> {
             (Phase::Nodes, layers * n * (1.0 + a.edge_kinds() as f64 + h) * square),
         ];
         if self.encoded.is_none() {
-            let features = self.features.scale.0.len() as f64;
+            let features = self.features.scale.channels() as f64;
             flops.push((Phase::EncodeEdges, e * (2.0 * d * features + h * square)));
         }
         if let (Some(stage), Some(spec)) = (&self.stage, a.segment_transformer()) {

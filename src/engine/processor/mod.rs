@@ -10,7 +10,6 @@ use super::kernels::Number;
 use super::profile::Phase;
 use super::segment_stage::SegmentStage;
 use bi_stride::BiStride;
-pub use bi_stride::features;
 use convolution::Convolutions;
 pub use convolution::scales;
 use graph_u_net::GraphUNet;
