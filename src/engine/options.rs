@@ -129,7 +129,7 @@ fn made_by_intel() -> bool {
 }
 
 /// What an engine is made with.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EngineOptions {
     /// Threads of this rank; 0: 1.
     pub n_threads: usize,
@@ -141,18 +141,6 @@ pub struct EngineOptions {
     pub profile: bool,
     /// Whether the graph gets other edges ([`crate::Forward::set_edges`]).
     pub edges_move: bool,
-}
-
-impl Default for EngineOptions {
-    fn default() -> Self {
-        EngineOptions {
-            n_threads: 1,
-            precision: Precision::Fp32,
-            isa: None,
-            profile: false,
-            edges_move: false,
-        }
-    }
 }
 
 #[cfg(test)]

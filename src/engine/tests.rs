@@ -342,21 +342,10 @@ fn another_numbering_of_the_cells_gives_the_same_to_rounding() {
 fn renumber(mut s: ModelSpec) {
     let mesh = mesh(&s, [9, 7, 3]);
     let n = mesh.n_cells();
-    // 37 has no factor in common with 126 cells, nor with 90.
-    let place = |cell: usize| (37 * cell + 5) % n;
-    let mut other = mesh.clone();
-    for cell in 0..n {
-        other.cell_centres[place(cell)] = mesh.cell_centres[cell];
-        other.cell_volumes[place(cell)] = mesh.cell_volumes[cell];
-    }
-    let faces = other.face_owner.iter_mut().chain(&mut other.face_neighbour);
-    for cell in faces.chain(other.boundary.iter_mut().map(|b| &mut b.owner)) {
-        *cell = place(*cell as usize) as i32;
-    }
+    let (other, [cells, faces]) = sample::renumbered(&mesh, 5);
     s.segments.count = K;
     let labels: Vec<i32> = (0..n).map(|cell| (cell * K / n) as i32).collect();
-    let mut moved = labels.clone();
-    (0..n).for_each(|cell| moved[place(cell)] = labels[cell]);
+    let moved: Vec<i32> = cells.iter().map(|&cell| labels[cell]).collect();
     let cut = |mesh: &Mesh, labels: &[i32]| {
         let mut made =
             Structure::new(mesh, &s, &s.segments, &NoModes, Some(labels), &Comm::serial()).unwrap();
@@ -367,14 +356,11 @@ fn renumber(mut s: ModelSpec) {
     let options = options(Isa::detect(), Precision::Fp32);
     let expected = case.run(&options, usize::MAX);
     let (k, m) = (s.n_field_inputs(), s.n_outputs());
-    let inputs = case.inputs.clone();
-    for cell in 0..n {
-        case.inputs[place(cell) * k..][..k].copy_from_slice(&inputs[cell * k..][..k]);
-    }
+    let nodes = cells.iter().copied().chain(faces.iter().map(|face| n + face));
+    case.inputs = nodes.flat_map(|node| case.inputs[node * k..][..k].to_vec()).collect();
     case.structure = cut(&other, &moved);
     let found = case.run(&options, usize::MAX);
-    let found: Vec<f32> = (0..n).flat_map(|cell| found[place(cell) * m..][..m].to_vec()).collect();
-    let expected: Vec<f64> = expected.into_iter().map(f64::from).collect();
+    let expected: Vec<f64> = cells.iter().flat_map(|&c| &expected[c * m..][..m]).map(|&y| y.into()).collect();
     let error = difference(&found, &expected);
     assert!(error < 1e-5, "{error:e} of {:?}", s.architecture);
 }
