@@ -37,30 +37,14 @@ impl<'a> Csr<'a> {
 
     /// Of all rows on one rank: whether there is an entry (j, i) for each (i, j), whatever its value.
     pub(crate) fn has_symmetric_pattern(&self) -> bool {
-        // Rows of each column, ascending.
-        let mut first = vec![0usize; self.n() + 1];
-        self.column.iter().for_each(|&j| first[j as usize + 1] += 1);
-        for j in 0..self.n() {
-            first[j + 1] += first[j];
-        }
-        let mut next = first.clone();
-        let mut rows = vec![0i64; self.column.len()];
-        for i in 0..self.n() {
-            for &j in &self.column[self.row[i]..self.row[i + 1]] {
-                rows[next[j as usize]] = i as i64;
-                next[j as usize] += 1;
-            }
-        }
-        let mut columns = Vec::new();
-        (0..self.n()).all(|i| {
-            columns.clear();
-            columns.extend_from_slice(&self.column[self.row[i]..self.row[i + 1]]);
+        let sorted = |bounds: &[usize]| {
+            let mut columns = self.column[bounds[0]..bounds[1]].to_vec();
             columns.sort_unstable();
-            columns.dedup();
-            let mut rows = rows[first[i]..first[i + 1]].to_vec();
-            rows.dedup();
-            columns == rows
-        })
+            columns
+        };
+        let rows: Vec<Vec<i64>> = self.row.windows(2).map(sorted).collect();
+        let mut numbered = (0..).zip(&rows);
+        numbered.all(|(i, columns)| columns.iter().all(|&j| rows[j as usize].binary_search(&i).is_ok()))
     }
 }
 
