@@ -6,7 +6,7 @@ mod ranks;
 
 use m4gn_base::{Error, Result};
 use m4gn_parallel::Comm;
-use m4gn_samples::training as sample;
+use m4gn_samples::{distance, training as sample};
 use m4gn_train::checkpoint::Checkpoint;
 use m4gn_train::{Request, train_native};
 use std::path::{Path, PathBuf};
@@ -135,10 +135,4 @@ fn run(comm: &Comm) -> Result<Vec<String>> {
     }
     comm.barrier();
     Ok(failures)
-}
-
-fn distance(a: &[f32], b: &[f32]) -> f64 {
-    let square = |x: f32| f64::from(x).powi(2);
-    let apart: f64 = a.iter().zip(b).map(|(a, b)| square(a - b)).sum();
-    (apart / b.iter().map(|b| square(*b)).sum::<f64>().max(1e-300)).sqrt()
 }

@@ -10,3 +10,11 @@ pub mod model;
 pub mod points;
 #[cfg(feature = "training")]
 pub mod training;
+
+/// Distance of two vectors, relative to the length of the second.
+pub fn distance(a: &[f32], b: &[f32]) -> f64 {
+    let square = |x: f64| x * x;
+    let apart: f64 = a.iter().zip(b).map(|(a, b)| square(f64::from(*a) - f64::from(*b))).sum();
+    let size: f64 = b.iter().map(|b| square(f64::from(*b))).sum();
+    (apart / size).sqrt()
+}

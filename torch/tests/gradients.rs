@@ -11,7 +11,7 @@ use m4gn_model::{
     Activation, Architecture, ContactSpec, Kind, M4gn, MacroSpec, MicroSpec, Model, ModelSpec, NodeSums,
     Output, SegmentMethod, SegmentSpec, WorldEdges,
 };
-use m4gn_samples::training as sample;
+use m4gn_samples::{distance, training as sample};
 use m4gn_torch::backend::TorchBackend;
 use m4gn_train::Task;
 use m4gn_train::config::Config;
@@ -157,12 +157,6 @@ fn learn(
     let batch = Batch { accumulate: false, learn: true, ..batch };
     let learned = backend.learn(weights, &normaliser, &batch).unwrap();
     (normaliser, learned)
-}
-
-fn distance(a: &[f32], b: &[f32]) -> f64 {
-    let square = |x: f32| f64::from(x).powi(2);
-    let apart: f64 = a.iter().zip(b).map(|(a, b)| square(a - b)).sum();
-    (apart / b.iter().map(|b| square(*b)).sum::<f64>()).sqrt()
 }
 
 /// The two backends on the same batch.

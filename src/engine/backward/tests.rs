@@ -4,6 +4,7 @@ use super::*;
 use crate::plain;
 use crate::tests::{apart, instruction_sets, mesh, structure};
 use m4gn_model::{Activation, Kind, M4gn, Model, NodeSums, Output};
+use m4gn_samples::distance;
 use m4gn_samples::model::{bodies_of_other_kinds, spec};
 use m4gn_structure::Structure;
 
@@ -253,14 +254,6 @@ fn differences(name: &str, mut case: Case, tolerance: f64) {
             case.plain(&case.model, &structure, &case.inputs)
         });
     }
-}
-
-/// Distance of two vectors, relative to the length of the second.
-fn distance(a: &[f32], b: &[f32]) -> f64 {
-    let wide = |x: &[f32]| -> Vec<f64> { x.iter().map(|x| f64::from(*x)).collect() };
-    let (a, b) = (wide(a), wide(b));
-    let apart: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a - b).collect();
-    length(&apart) / length(&b)
 }
 
 #[test]
