@@ -138,8 +138,7 @@ mod tests {
             row: vec![0, 2, 4, 5],
             senders: vec![3, 1, 0, 2, 1],
             receivers: vec![0, 0, 1, 1, 2],
-            edge_features: vec![0.0; 15],
-            halo: m4gn_parallel::Halo::empty(),
+            ..Graph::default()
         };
         let order = Order::new(&graph);
         assert_eq!((order.n_interior, order.node[2]), (2, 0));

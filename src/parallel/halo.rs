@@ -5,7 +5,7 @@ use crate::ffi::mpi::{Peer, Requests};
 use m4gn_base::{Error, Result, refuse_any};
 use std::collections::HashMap;
 
-/// The exchange that fills ghost nodes: rows after the owned ones, ordered by (rank, global number).
+/// The exchange that fills ghost nodes: rows after the owned ones, ordered by (rank, global number). The default has none.
 #[derive(Clone, Debug, Default)]
 pub struct Halo {
     n_owned: usize,
@@ -19,11 +19,6 @@ pub struct Halo {
 }
 
 impl Halo {
-    /// No ghosts.
-    pub fn empty() -> Self {
-        Self::default()
-    }
-
     /// Builds the exchange for `ghosts` = (rank, global cell), sorted and unique. Collective.
     ///
     /// `cell_global` numbers this rank's cells; ghosts follow the `n_owned` owned rows. A ghost that its rank

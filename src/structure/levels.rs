@@ -295,15 +295,12 @@ impl Pooled {
         let place = |list: &[usize]| -> HashMap<usize, i32> { list.iter().copied().zip(0..).collect() };
         let (fine, here) = (place(nodes), place(&local));
         let mut graph = Graph {
-            n_cells: 0,
             n_owned: owned.len(),
             n_local: local.len(),
             node_types: vec![0; local.len()],
             row: vec![0],
-            senders: Vec::new(),
-            receivers: Vec::new(),
-            edge_features: Vec::new(),
             halo,
+            ..Graph::default()
         };
         for (r, &i) in owned.iter().enumerate() {
             for (s, vector) in &coarse.near[i] {

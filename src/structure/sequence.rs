@@ -80,7 +80,7 @@ impl Sequence {
             *sum += *n as u32;
             Some(*sum)
         }));
-        Sequence { row, node, halo: Halo::empty() }
+        Sequence { row, node, halo: Halo::default() }
     }
 }
 

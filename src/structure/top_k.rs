@@ -70,15 +70,14 @@ impl Pooled {
         }
         let count = kept.len();
         let graph = Graph {
-            n_cells: 0,
             n_owned: count,
             n_local: count,
             node_types: vec![0; count],
             row,
             senders,
             receivers,
-            edge_features: Vec::new(),
             halo: Halo::new(&Comm::serial(), &[], &[], count).unwrap_or_default(),
+            ..Graph::default()
         };
         Pooled { kept, graph, edges: Transfer::new(terms.into_iter()) }
     }

@@ -125,17 +125,7 @@ impl Body {
             triangles: part.triangles.clone(),
             obstacle_nodes,
         };
-        let mut graph = Graph {
-            n_cells: n,
-            n_owned,
-            n_local,
-            node_types,
-            row: Vec::new(),
-            senders: Vec::new(),
-            receivers: Vec::new(),
-            edge_features: Vec::new(),
-            halo,
-        };
+        let mut graph = Graph { n_cells: n, n_owned, n_local, node_types, halo, ..Graph::default() };
         body.edges_at(&vec![0.0; 3 * n_local], &mut graph);
         Ok((body, graph))
     }

@@ -9,7 +9,7 @@ use m4gn_parallel::Halo;
 use serde::{Deserialize, Serialize};
 
 /// This rank's part of the mesh graph.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Graph {
     /// Cells, the first owned nodes.
     pub n_cells: usize,
