@@ -484,7 +484,7 @@ typedef struct m4gn_host
  *   name               default     meaning
  *   snapshot_interval  null        Time between the states that are kept, the stride: a tenth to a twentieth of the period of
  *                                  what the flow does [s]; null: found in the run: 25 of the longest time steps of late, then a
- *                                  fourteenth of the period that two fits have shown
+ *                                  fourteenth of the period that fits show
  *   window             null        States in a fit at most, up to 1000; null: 40, and 160 where boundary values are prescribed
  *                                  in time
  *   min_snapshots      null        States without a gap that a fit needs; null: window, where it is given, else 40

@@ -316,9 +316,15 @@ impl Fits for DmdSurrogate {
         self.online.fit()?;
         let modes = self.online.modes();
         let fit = self.online.fitted()?;
-        if self.settings.snapshot_interval.is_none() && fit.tail_error() >= self.rules.fit_tolerance {
+        if self.settings.snapshot_interval.is_none() {
             let present = self.description.stride;
-            self.now.interval.take(&modes, present, fit.numbers.len() as f64 * present);
+            let span = fit.numbers.len() as f64 * present;
+            let holds = fit.tail_error() < self.rules.fit_tolerance;
+            if self.now.interval.take(&modes, present, span, holds) && holds {
+                // It is right at its states alone: between them harmonics would be waves of other frequencies.
+                self.online.forget();
+                return None;
+            }
         }
         Some(FitReport {
             snapshots: fit.numbers.len(),

@@ -18,7 +18,7 @@ settings! {
     /// Settings of a dmd surrogate in a run.
     pub struct DmdSettings in "dmd" {
         /// Time between the states that are kept, the stride: a tenth to a twentieth of the period of what the flow does.
-        pub snapshot_interval: Option<f64> [s] = None, "found in the run: 25 of the longest time steps of late, then a fourteenth of the period that two fits have shown";
+        pub snapshot_interval: Option<f64> [s] = None, "found in the run: 25 of the longest time steps of late, then a fourteenth of the period that fits show";
         /// States in a fit at most, up to 1000.
         pub window: Option<usize> = None, "40, and 160 where boundary values are prescribed in time";
         // The first states after a jump are not yet the solver's own.

@@ -67,7 +67,7 @@ impl Interval {
         let longest = self.longest.iter().copied().fold(delta_t, f64::max);
         let steps = STEPS * longest;
         let other = match fixed.or(self.found) {
-            Some(known) => known * (longest / known * (1.0 - 1e-6)).log2().ceil().max(0.0).exp2(),
+            Some(known) => no_shorter(known, longest),
             None if steps > 2.0 * present || steps < 0.5 * present => steps,
             None => present,
         };
@@ -79,25 +79,34 @@ impl Interval {
         self.found.and(self.period)
     }
 
-    /// Takes the modes of a fit that does not hold, largest share of the energy first. `present`: the interval, `span`: of the window, s.
-    pub fn take(&mut self, modes: &[Mode], present: f64, span: f64) {
+    /// Takes the modes of a fit, largest share of the energy first. `present`: the interval, `span`: of the window, s. One that `holds` has no
+    /// period by chance, and asks for no longer interval. Whether the period wants another one.
+    pub fn take(&mut self, modes: &[Mode], present: f64, span: f64, holds: bool) -> bool {
         let waves =
             |m: &&Mode| m.frequency > 0.0 && m.energy >= LEAST_ENERGY && m.growth_rate.abs() < m.frequency;
         let period = modes.iter().find(waves).map(|m| 1.0 / m.frequency);
-        let before = std::mem::replace(&mut self.period, period);
-        let (Some(period), Some(before)) = (period, before) else { return };
+        let before = if holds { period } else { std::mem::replace(&mut self.period, period) };
+        let (Some(period), Some(before)) = (period, before) else { return false };
         if self.changes == CHANGES || (period - before).abs() > ALIKE * period.max(before) {
-            return;
+            return false;
         }
         let mut wanted = period / IN_A_PERIOD;
         if period > span {
             wanted = wanted.min(FARTHEST * present);
         }
-        if wanted > NEAR * present || wanted < present / NEAR {
-            self.found = Some(wanted);
+        let longest = self.longest[0].max(self.longest[1]);
+        let other = !holds && wanted > NEAR * present || no_shorter(wanted, longest) < present / NEAR;
+        if other {
+            (self.found, self.period) = (Some(wanted), Some(period));
             self.changes += 1;
         }
+        other
     }
+}
+
+/// An interval, doubled as often as it takes to be as long as a step, s.
+fn no_shorter(interval: f64, step: f64) -> f64 {
+    interval * (step / interval * (1.0 - 1e-6)).log2().ceil().max(0.0).exp2()
 }
 
 #[cfg(test)]
@@ -113,34 +122,52 @@ mod tests {
         let mut interval = Interval::new(0.001);
         let first = Interval::first(None, 0.001);
         assert_eq!((first, interval.other(None, first, 0.001)), (0.025, None));
-        interval.take(&[wave(1.4)], first, 2.0);
+        interval.take(&[wave(1.4)], first, 2.0, false);
         assert_eq!(interval.other(None, first, 0.001), None, "once may be chance");
-        interval.take(&[wave(0.9)], first, 2.0);
+        interval.take(&[wave(0.9)], first, 2.0, false);
         assert_eq!(interval.other(None, first, 0.001), None, "another one");
-        interval.take(&[wave(0.91)], first, 2.0);
+        interval.take(&[wave(0.91)], first, 2.0, false);
         let found = interval.other(None, first, 0.001).unwrap();
         assert!((found - 0.065).abs() < 1e-12, "{found}");
         assert!(interval.period().is_some_and(|p| (p - 0.91).abs() < 1e-12));
         assert_eq!(interval.other(None, found, 0.002), None, "it no longer follows the steps");
         assert_eq!(interval.other(None, found, 0.1), Some(2.0 * found), "but is as long as one");
-        interval.take(&[wave(1.3)], found, 2.6);
-        interval.take(&[wave(1.3)], found, 2.6);
+        interval.take(&[wave(1.3)], found, 2.6, false);
+        interval.take(&[wave(1.3)], found, 2.6, false);
         assert_eq!(interval.other(None, found, 0.002), None, "near enough");
+    }
+
+    /// Harmonics would be waves of other frequencies between the states.
+    #[test]
+    fn a_fit_that_holds_on_few_states_a_period_shortens_the_interval() {
+        let mut interval = Interval::new(0.001);
+        assert!(!interval.take(&[wave(0.2)], 0.025, 1.0, true), "eight states are enough");
+        assert!(interval.take(&[wave(0.07)], 0.025, 1.0, true));
+        let found = interval.other(None, 0.025, 0.001).unwrap();
+        assert!((found - 0.005).abs() < 1e-12, "{found}");
+        assert!(!interval.take(&[wave(0.07)], found, 0.2, true), "it has been shortened");
+        assert!(!interval.take(&[wave(1.4)], found, 0.2, true), "what holds needs no longer one");
+        let mut interval = Interval::new(0.01);
+        assert!(interval.take(&[wave(0.6)], 0.25, 10.0, true));
+        let found = interval.other(None, 0.25, 0.01).unwrap();
+        assert!(interval.take(&[wave(0.05)], found, 2.0, true));
+        let found = interval.other(None, found, 0.01).unwrap();
+        assert!(!interval.take(&[wave(0.0501)], found, 1.0, true), "there are no shorter steps: {found}");
     }
 
     #[test]
     fn a_period_longer_than_the_window_is_approached() {
         let mut interval = Interval::new(0.001);
         for _ in 0..2 {
-            interval.take(&[wave(14.0)], 0.025, 1.0);
+            interval.take(&[wave(14.0)], 0.025, 1.0, false);
         }
         assert_eq!(interval.other(None, 0.025, 0.001), Some(0.1));
         for _ in 0..2 {
-            interval.take(&[wave(10.0)], 0.1, 4.0);
+            interval.take(&[wave(10.0)], 0.1, 4.0, false);
         }
         assert_eq!(interval.other(None, 0.1, 0.001), Some(0.4));
         for _ in 0..2 {
-            interval.take(&[wave(7.0)], 0.4, 16.0);
+            interval.take(&[wave(7.0)], 0.4, 16.0, false);
         }
         assert_eq!(interval.other(None, 0.4, 0.001), None, "within a factor of two");
     }
@@ -152,12 +179,12 @@ mod tests {
         let fast = Mode { growth_rate: -30.0, ..wave(0.1) };
         let small = Mode { energy: 0.005, ..wave(2.0) };
         for _ in 0..3 {
-            interval.take(&[drift, fast, small], 0.025, 1.0);
+            interval.take(&[drift, fast, small], 0.025, 1.0, false);
         }
         assert_eq!((interval.other(None, 0.025, 0.001), interval.period()), (None, None));
         for k in 0..20 {
             let present = interval.other(None, 0.025, 0.001).unwrap_or(0.025);
-            interval.take(&[wave(present * if k % 4 < 2 { 100.0 } else { 3.0 })], present, 1e3);
+            interval.take(&[wave(present * if k % 4 < 2 { 100.0 } else { 3.0 })], present, 1e3, false);
         }
         assert_eq!(interval.changes, CHANGES, "a flow that never repeats is not followed for ever");
     }

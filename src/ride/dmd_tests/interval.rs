@@ -42,6 +42,19 @@ fn the_stride_follows_the_period() {
     assert!(!host.jumps.is_empty() && host.worst < 0.05, "{} {:?}\n{}", host.worst, host.jumps, host.log);
 }
 
+/// 25 steps are a third of the large wave's period, and more than half of the small one's: a fit of such states holds, and is wrong between them.
+#[test]
+fn the_stride_is_shorter_where_a_period_has_few_steps() {
+    let settings = r#"{"mode": "replace", "surrogates": ["dmd"], "dmd": {"initialJump": 5, "window": 24}}"#;
+    let mut host = Host::new(settings, 0.0, 0, 60.0, solver(0.0, 1e9));
+    (host.delta_t, host.looks) = (|_| 0.045, 1.0);
+    let begin = Step { delta_t: 0.045, ..host.now() };
+    host.ride = Ride::new(Comm::serial(), guest(), RideSettings::parse(settings).unwrap(), begin).unwrap();
+    host.run(1e9, |_| false);
+    assert!(host.log.contains(": fits show a period of 3.307e0 s: states are kept 2.36"), "{}", host.log);
+    assert!(!host.jumps.is_empty() && host.worst < 0.1, "{} {:?}\n{}", host.worst, host.jumps, host.log);
+}
+
 /// An interval that is shorter than the steps is doubled until it is not.
 #[test]
 fn states_are_no_nearer_than_steps() {
