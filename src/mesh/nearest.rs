@@ -44,18 +44,39 @@ impl Nearest {
 
     fn find(&self, x: Vector) -> (f64, usize) {
         let (mut best, mut place) = (f64::INFINITY, 0);
+        self.search(x, best, |number, distance| {
+            (best, place) = (distance, number);
+            distance
+        });
+        (best, place)
+    }
+
+    /// So many of the nearest points, or all: their places among those that were given, and squared distances, m^2, ascending.
+    pub fn several(&self, x: Vector, count: usize) -> Vec<(usize, f64)> {
+        let mut found: Vec<(usize, f64)> = Vec::new();
+        self.search(x, if count > 0 { f64::INFINITY } else { 0.0 }, |number, distance| {
+            found.truncate(count - 1);
+            found.insert(found.partition_point(|f| f.1 <= distance), (number, distance));
+            if found.len() < count { f64::INFINITY } else { found[count - 1].1 }
+        });
+        found
+    }
+
+    /// Points whose squared distance is below `limit`, m^2: `look` takes their places among those that were given and their squared
+    /// distances, and gives the limit from then on.
+    pub fn search(&self, x: Vector, mut limit: f64, mut look: impl FnMut(usize, f64) -> f64) {
         // Ranges still to be searched, with the squared distance to the plane in front of them
         let mut ranges = vec![(0, self.points.len(), 0.0)];
         while let Some((from, to, least)) = ranges.pop() {
-            if from >= to || least >= best {
+            if from >= to || least >= limit {
                 continue;
             }
             let middle = (from + to) / 2;
             let ((p, number), axis) = (self.points[middle], usize::from(self.axis[middle]));
             let d = sub(x, p);
             let distance = dot(d, d);
-            if distance < best {
-                (best, place) = (distance, number);
+            if distance < limit {
+                limit = look(number, distance);
             }
             let (near, far) = if d[axis] < 0.0 {
                 ((from, middle), (middle + 1, to))
@@ -65,7 +86,6 @@ impl Nearest {
             ranges.push((far.0, far.1, d[axis] * d[axis]));
             ranges.push((near.0, near.1, least));
         }
-        (best, place)
     }
 }
 
@@ -99,6 +119,16 @@ mod tests {
             let tree = Nearest::new(&points);
             prop_assert_eq!(tree.distance_squared(x), plain);
             prop_assert_eq!(square(&points[tree.nearest(x).unwrap()]), plain);
+            let mut all: Vec<f64> = points.iter().map(square).collect();
+            all.sort_by(f64::total_cmp);
+            for count in [0, 1, 12, 80] {
+                let several = tree.several(x, count);
+                prop_assert!(several.iter().all(|&(place, d)| square(&points[place]) == d));
+                let found: Vec<f64> = several.iter().map(|s| s.1).collect();
+                prop_assert_eq!(&found[..], &all[..count.min(all.len())]);
+                let places: std::collections::HashSet<usize> = several.iter().map(|s| s.0).collect();
+                prop_assert_eq!(places.len(), found.len());
+            }
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Values of one mesh at the cell centres of another.
 
 use m4gn_averages::sine::eliminate;
+use m4gn_mesh::nearest::Nearest;
 
 /// Neighbours that a value is made of.
 const NEIGHBOURS: usize = 12;
@@ -17,16 +18,9 @@ pub enum Mapping {
 impl Mapping {
     /// From the centres of `b` to those of `a`, m; `directions` are the solved ones.
     pub fn linear(a: &[[f64; 3]], b: &[[f64; 3]], directions: &[usize]) -> Self {
-        let one = |at: &[f64; 3]| {
-            let square = |p: &[f64; 3]| directions.iter().map(|&d| (p[d] - at[d]).powi(2)).sum::<f64>();
-            let mut near: Vec<(usize, f64)> = b.iter().map(square).enumerate().collect();
-            let count = NEIGHBOURS.min(near.len());
-            if count < near.len() {
-                near.select_nth_unstable_by(count, |p, q| p.1.total_cmp(&q.1));
-                near.truncate(count);
-            }
-            weights(at, b, &near, directions)
-        };
+        let solved = |p: &[f64; 3]| [0, 1, 2].map(|d| if directions.contains(&d) { p[d] } else { 0.0 });
+        let tree = Nearest::new(&b.iter().map(solved).collect::<Vec<_>>());
+        let one = |at: &[f64; 3]| weights(at, b, &tree.several(solved(at), NEIGHBOURS), directions);
         Mapping::Linear(a.iter().map(one).collect())
     }
 
@@ -53,13 +47,11 @@ impl Mapping {
     }
 }
 
-/// Weights of the near cells (index in `b`, squared distance).
+/// Weights of the near cells (index in `b`, squared distance), the nearest first.
 fn weights(at: &[f64; 3], b: &[[f64; 3]], near: &[(usize, f64)], directions: &[usize]) -> Vec<(usize, f64)> {
-    let nearest = near.iter().copied().min_by(|p, q| p.1.total_cmp(&q.1));
-    let Some((nearest, least)) = nearest else {
+    let (Some(&(nearest, least)), Some(&(_, farthest))) = (near.first(), near.last()) else {
         return Vec::new();
     };
-    let farthest = near.iter().map(|p| p.1).fold(0.0, f64::max);
     // Basis: 1 and the distances in the solved directions, in units of the farthest; directions that are not solved are
     // zero and get a diagonal entry, so that the matrix stays regular.
     let scale = farthest.sqrt().max(f64::MIN_POSITIVE);
