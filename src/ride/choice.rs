@@ -3,28 +3,37 @@
 
 use crate::answer::Phase;
 use crate::candidate::Verdict;
+use crate::control::Control;
 use crate::jump::Jump;
 use crate::ride::Ride;
 use crate::settings::Mode;
 use crate::tables::row;
-use m4gn_base::Result;
+use m4gn_base::{Error, Result};
 use serde_json::{Map, Value, json};
 
 impl Ride<'_> {
-    /// Compares where the solver has come a stride. The run ends where all surrogates stay bad and the settings say stop. Collective.
+    /// Compares where the solver has come a stride. The run ends where all surrogates that may have a turn stay bad and the settings say stop.
+    /// Collective.
     pub(crate) fn measure(&mut self) -> Result<()> {
-        let (mut failures, n) = (Vec::new(), self.fields.len());
+        let (mut failure, n) = (None, self.fields.len());
         for candidate in &mut self.candidates {
             (candidate.verdict, candidate.measured) = (Verdict::None, None);
             if candidate.has_arrived(&self.step) {
                 let found = candidate.measure(&self.comm, &self.layout, &self.step, &self.present, n);
-                failures.extend(found.err());
+                match found {
+                    Err(e @ Error::Numerical(_)) => failure = Some(e),
+                    other => other?,
+                }
                 self.totals.measured += 1;
             }
         }
-        match failures.len() == self.candidates.len() {
-            true => Err(failures.remove(0)),
-            false => Ok(()),
+        // They are measured at different times, and of those that are no fits the first alone
+        let first = self.candidates.iter().position(|c| c.fit_control.is_none());
+        let mut turns =
+            self.candidates.iter().enumerate().filter(|(i, c)| c.fit_control.is_some() || Some(*i) == first);
+        match failure {
+            Some(e) if turns.all(|(_, c)| c.control.as_ref().is_some_and(Control::stays_bad)) => Err(e),
+            _ => Ok(()),
         }
     }
 

@@ -206,7 +206,7 @@ impl Control {
             true => self.bad + 1,
             false => 0,
         };
-        if self.settings.on_failure == OnFailure::Stop && self.bad >= self.settings.patience {
+        if self.stays_bad() {
             return Err(Error::Numerical(format!(
                 "the error of the surrogate beside the solver was above what the tolerance {} allows, or above {} (relTol) of what the \
                  solver changed, in {} strides in a row, the last one by {:.2e}: its model does not fit this case. Train it for this case, \
@@ -218,6 +218,11 @@ impl Control {
             )));
         }
         Ok(())
+    }
+
+    /// Whether the surrogate stays bad, and the settings say stop.
+    pub fn stays_bad(&self) -> bool {
+        self.settings.on_failure == OnFailure::Stop && self.bad >= self.settings.patience
     }
 
     /// Relative error of the last stride, the largest of the watched fields; infinite before there was one.

@@ -75,6 +75,16 @@ fn a_network_goes_on_where_no_fit_holds() {
     assert!((40..=48).contains(&strides), "{:?}", host.jumps);
 }
 
+/// The network is measured before there is a fit, and the fit from then on.
+#[test]
+#[should_panic(expected = "in 3 strides in a row")]
+fn the_run_stops_where_network_and_fit_stay_bad() {
+    let control = r#""control": {"tolerance": 1e-15, "onFailure": "stop", "patience": 3}, "timeStart": 0.5"#;
+    let settings = BOTH.replace("\"timeStart\": 6", control);
+    let mut host = Host::new(&settings, 0.0, 0, 40.0, solver(0.0, 1e9));
+    host.run(1e9, |_| false);
+}
+
 #[test]
 fn surrogates_without_a_field_in_common_are_refused() {
     let settings = RideSettings::parse(BOTH).unwrap();

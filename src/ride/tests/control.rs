@@ -91,6 +91,16 @@ fn the_run_stops_where_that_is_asked_for() {
     assert!(rows.lines().count() >= 1, "{rows}");
 }
 
+/// The second one never has a turn.
+#[test]
+fn the_run_stops_where_the_one_of_two_that_may_jump_stays_bad() {
+    let toy = Toy::new(0.5).biased(0.5);
+    let stop = settings(r#""tolerance": 0.02, "onFailure": "stop", "patience": 3"#)
+        .replace("\"timeStart\"", "\"surrogates\": [\"network\", \"trend\"], \"timeStart\"");
+    let error = Host::of(&stop, toy, 9.0).run().unwrap_err().to_string();
+    assert!(error.contains("in 3 strides in a row"), "{error}");
+}
+
 #[test]
 fn a_stride_of_a_jump_that_changes_too_much_is_not_used() {
     // Good where it is measured; after one stride of the jump, at a state further on, it changes the field by 50.
