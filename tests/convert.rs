@@ -78,6 +78,14 @@ fn data_sets_go_in_and_out() {
         ("convert meta.json --out one.h5", "expected a file whose name ends in .tfrecord, .npz or .h5"),
         ("convert m.safetensors --out w.safetensors", "weights need --like MODEL"),
         ("convert again.h5 --out a.npz --like m.safetensors", "--like, --node-types: these are for weights"),
+        ("convert again.h5 --out a.npz --dt 0.1", "which again.h5 does not: leave them out"),
+        ("convert set --as npz --out b --split test", "which set does not"),
+        (
+            "convert again.h5 --out a.npz --poisson 0.4",
+            "--split, --dt, --poisson: these are for files of others",
+        ),
+        ("convert m.safetensors --as pytorch --out w.safetensors --dt 1", "which m.safetensors does not"),
+        ("convert test.tfrecord --as npz --out b", "--as: test.tfrecord becomes trajectories"),
     ] {
         let message = refused(at, arguments);
         assert!(message.contains(expected), "{message}");

@@ -32,9 +32,9 @@ pub struct Args {
     /// Time between frames, s, of files that do not say it
     #[arg(long, value_name = "S")]
     dt: Option<f64>,
-    /// Of bodies, whose material the file does not say: Poisson's ratio
-    #[arg(long, value_name = "NU", default_value_t = import::POISSON)]
-    poisson: f64,
+    /// Of bodies, whose material the file does not say: Poisson's ratio [default: 0.4]
+    #[arg(long, value_name = "NU")]
+    poisson: Option<f64>,
     /// Most trajectories that are read
     #[arg(long, value_name = "N")]
     count: Option<usize>,
@@ -92,8 +92,20 @@ pub fn run(args: Args) -> Result<()> {
     }
 }
 
+/// Options that nothing would heed are an error.
+fn not_imported(args: &Args) -> Result<()> {
+    if args.split.is_none() && args.dt.is_none() && args.poisson.is_none() {
+        return Ok(());
+    }
+    Err(Error::Input(format!(
+        "--split, --dt, --poisson: these are for files of others that become trajectories, which {} does not: leave them out",
+        args.input.display()
+    )))
+}
+
 /// Weights of others to a model, or a model to weights for others.
 fn weights(args: &Args) -> Result<()> {
+    not_imported(args)?;
     let _claimed = super::claim_outputs([Some(&*args.out)], [Some(&*args.input), args.like.as_deref()])?;
     let types = args.node_types.as_deref();
     let naming = match args.kind {
@@ -127,11 +139,17 @@ fn weights(args: &Args) -> Result<()> {
 
 /// Files of others to trajectories.
 fn into(args: &Args) -> Result<()> {
+    if args.kind.is_some() {
+        return Err(Error::Input(format!(
+            "--as: {} becomes trajectories, NAME.h5 or a folder of them: leave it out",
+            args.input.display()
+        )));
+    }
     let stop = super::stop_flag()?;
     let single = args.out.extension().is_some_and(|e| e == "h5");
     let _folder = (!single).then(|| lock::folder(&args.out)).transpose()?;
     let options =
-        import::Options { split: args.split, dt: args.dt, poisson: Some(args.poisson), count: args.count };
+        import::Options { split: args.split, dt: args.dt, poisson: args.poisson, count: args.count };
     let mut done = |file: &Path, kept: bool| {
         println!("{} {}", if kept { "kept " } else { "wrote" }, file.display());
         match stop.load(Ordering::Relaxed) {
@@ -146,6 +164,7 @@ fn into(args: &Args) -> Result<()> {
 
 /// Trajectories to files for others.
 fn out(args: &Args) -> Result<()> {
+    not_imported(args)?;
     let ending = args.out.extension().and_then(|e| e.to_str());
     let kind = match (args.kind, ending) {
         (Some(kind @ (Kind::Npz | Kind::Vtu)), _) => kind,
