@@ -2,7 +2,8 @@
 
 use super::place::line;
 use m4gn_mesh::joined::Joined;
-use m4gn_mesh::vector::{Vector, bounds, norm, sub, widest};
+use m4gn_mesh::nearest::Nearest;
+use m4gn_mesh::vector::{Vector, bounds, norm, sub};
 use m4gn_mesh::{BoundaryFace, Mesh, NodeType};
 use m4gn_parallel::{Comm, everywhere};
 use std::collections::{BTreeMap, HashSet};
@@ -62,7 +63,7 @@ pub(super) fn wall_pieces(mesh: &Mesh, at_box: impl Fn(&Vector) -> bool, comm: &
     let mut of_patch: BTreeMap<i32, Vec<usize>> = BTreeMap::new();
     let at_cells = walls.iter().enumerate().filter(|(_, wall)| !wall.at_owner);
     at_cells.for_each(|(i, wall)| of_patch.entry(wall.patch).or_default().push(i));
-    of_patch.into_values().for_each(|faces| join_near(&walls, faces, &mut joined));
+    of_patch.values().for_each(|faces| join_near(&walls, faces, &mut joined));
 
     let places: Vec<Vector> = walls.iter().map(|wall| wall.centre).collect();
     let number = line(&places, &walls.iter().map(|wall| wall.global).collect::<Vec<_>>());
@@ -121,37 +122,67 @@ fn of_neighbours(mesh: &Mesh, owners: &BTreeMap<i64, Vec<usize>>) -> Vec<i64> {
 }
 
 /// Joins the faces of a patch that are near each other.
-fn join_near(walls: &[Wall], mut faces: Vec<usize>, joined: &mut Joined) {
-    let places = || faces.iter().map(|&i| walls[i].centre);
-    let axis = widest(places());
-    let [low, high] = bounds(places());
+fn join_near(walls: &[Wall], faces: &[usize], joined: &mut Joined) {
+    let places: Vec<Vector> = faces.iter().map(|&i| walls[i].centre).collect();
+    let [low, high] = bounds(places.iter().copied());
     let same = SAME * norm(sub(high, low));
-    let along = |i: usize| walls[i].centre[axis];
-    faces.sort_by(|&a, &b| along(a).total_cmp(&along(b)).then(a.cmp(&b)));
-    let apart = |i: usize, j: usize| norm(sub(walls[i].centre, walls[j].centre));
-    // The distance of each to the next one elsewhere: both ways along the axis as far as it may be nearer.
-    let next = |at: usize| {
-        let i = faces[at];
-        let mut best = f64::INFINITY;
-        let mut look = |j: usize| {
-            let far = (along(j) - along(i)).abs() > best;
-            let d = apart(i, j);
-            best = if d > same { best.min(d) } else { best };
-            !far
-        };
-        let _ = faces[at + 1..].iter().all(|&j| look(j));
-        let _ = faces[..at].iter().rev().all(|&j| look(j));
-        best
-    };
-    let next: Vec<f64> = (0..faces.len()).map(next).collect();
-    let farthest = next.iter().copied().filter(|d| d.is_finite()).fold(0.0, f64::max);
-    for (at, &i) in faces.iter().enumerate() {
-        let near = faces[at + 1..].iter().zip(&next[at + 1..]);
-        for (&j, other) in near.take_while(|(j, _)| along(**j) - along(i) <= REACH * farthest) {
-            let d = apart(i, j);
-            if d <= same || d <= REACH * next[at].max(*other) {
-                joined.join(i, j);
+    let tree = Nearest::new(&places);
+    for (&i, &place) in faces.iter().zip(&places) {
+        // The next face elsewhere
+        let mut next = f64::INFINITY;
+        tree.search(place, next, |_, square| {
+            next = if square.sqrt() > same { square } else { next };
+            next
+        });
+        let reach = if next.is_finite() { same.max(REACH * next.sqrt()) } else { same };
+        let limit = reach * reach * (1.0 + SAME) + f64::MIN_POSITIVE;
+        tree.search(place, limit, |j, square| {
+            if square.sqrt() <= reach {
+                joined.join(i, faces[j]);
             }
+            limit
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Against looking at all pairs: three clusters, graded towards a corner, and faces at one place.
+    #[test]
+    fn faces_are_joined_as_by_looking_at_all_pairs() {
+        let part = |k: usize, share: f64| (k as f64 * share).fract();
+        let wall = |k: usize| {
+            let far = 2.0 * (k % 3) as f64;
+            let centre = match k {
+                0..120 => [far + part(k, 0.618).powi(3), part(k, 0.414).powi(2), part(k, 0.732)],
+                120..123 => [9.0, 0.0, 0.0],
+                _ => [0.0, 9.0, 9.0],
+            };
+            Wall { owner: k as i64, global: k as i64, patch: 0, at_owner: false, centre }
+        };
+        for count in [1, 3, 120, 124] {
+            let walls: Vec<Wall> = (124 - count..124).map(wall).collect();
+            let from = |a: &Wall| walls.iter().map(|b| norm(sub(a.centre, b.centre))).collect();
+            let apart: Vec<Vec<f64>> = walls.iter().map(from).collect();
+            let same = 1e-7;
+            let elsewhere =
+                |row: &Vec<f64>| row.iter().copied().filter(|d| *d > same).fold(f64::INFINITY, f64::min);
+            let next: Vec<f64> = apart.iter().map(elsewhere).collect();
+            let [mut plain, mut found] = [(); 2].map(|()| Joined::new(count));
+            for i in 0..count {
+                for j in 0..i {
+                    let reach = REACH * next[i].max(next[j]);
+                    if apart[i][j] <= same || reach.is_finite() && apart[i][j] <= reach {
+                        plain.join(i, j);
+                    }
+                }
+            }
+            join_near(&walls, &(0..count).collect::<Vec<_>>(), &mut found);
+            let [plain, found] =
+                [&mut plain, &mut found].map(|j| (0..count).map(|i| j.root(i)).collect::<Vec<_>>());
+            assert_eq!(plain, found);
         }
     }
 }
