@@ -76,6 +76,14 @@ Foam::string Foam::m4gn::unsupported(const fvMesh& mesh)
     wordHashSet meshes(mesh.time().names<fvMesh>());
     // That of solids4foam's vertex-centred models has no state of its own
     meshes.erase("dualMesh");
+    // Nobody solves on a mesh that fields are mapped to
+    if (const dictionary* functions = mesh.time().controlDict().findDict("functions")) {
+        for (const entry& e : *functions) {
+            if (e.isDict() && e.dict().getOrDefault<word>("type", word::null) == "mapFields") {
+                meshes.erase(e.dict().getOrDefault<word>("mapRegion", word::null));
+            }
+        }
+    }
     if (meshes.size() > 1) {
         why << "there are several meshes (" << join(meshes.sortedToc()).c_str() << "), which go on in step";
         return why.str();

@@ -48,6 +48,15 @@ check 0 . --seconds 30
 says '^dmd: fits'
 rm solver && mv ../controlDict system
 
+# A mesh that fields are mapped to is not one that is solved on
+mkdir constant/coarse system/coarse
+cp -r constant/polyMesh constant/coarse && cp system/fvSchemes system/fvSolution system/coarse
+cp system/functions ../functions
+echo 'map { type mapFields; libs (fieldFunctionObjects); mapRegion coarse; mapMethod cellVolumeWeight; consistent yes; fields (U); log no; }' >> system/functions
+check 0 . --seconds 30
+says '^dmd: fits'
+rm -r constant/coarse system/coarse && mv ../functions system
+
 # A network of a configuration, made from the case's own steps
 network 0.01 0 'method = "metis"; count = 4' 'seed = 1; batch_size = 2; steps = 100' '{ name = "U", input = true, output = "delta" }' \
     '{ name = "p", input = true, output = "value" }' > ../network.toml

@@ -170,7 +170,7 @@ impl Copy {
         if !made {
             return Ok(());
         }
-        if commands.iter().all(|c| ["cp", "mkdir", "sh"].contains(&c[0].as_str())) {
+        if commands.iter().all(|c| ["cp", "mv", "mkdir", "sh"].contains(&c[0].as_str())) {
             if !BLOCK_MESH.iter().any(|f| at(f).is_file()) {
                 let what = "it has no mesh, and no blockMeshDict: make its mesh first, as for a run (its Allrun, or Allrun.pre)";
                 self.notes.push(what.to_string() + &others);

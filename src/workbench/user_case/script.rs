@@ -80,7 +80,7 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
         let leads_out = line.split([' ', '<', '>']).any(|path| path.starts_with('/') || path.contains(".."));
         let (rest, written) = (words.get(1..).unwrap_or_default(), line.contains('>'));
         let of_files = match first.trim_start_matches('\\') {
-            "cp" if words.len() > 2 && !written => Some([&["cp"][..], rest].concat()),
+            program @ ("cp" | "mv") if words.len() > 2 && !written => Some([&[program][..], rest].concat()),
             // A script goes on where it is there
             "mkdir" if !written => Some([&["mkdir", "-p"][..], rest].concat()),
             // Its output is a file by a shell alone
@@ -132,7 +132,7 @@ mod tests {
 
     #[test]
     fn a_tutorial_s_script_is_understood_up_to_its_solver() {
-        let script = "#!/bin/sh\ncd ${0%/*} || exit 1\n. $WM_PROJECT_DIR/bin/tools/RunFunctions\n\nrestore0Dir\nrunApplication blockMesh\n\\cp a b\nmv a b\n\
+        let script = "#!/bin/sh\ncd ${0%/*} || exit 1\n. $WM_PROJECT_DIR/bin/tools/RunFunctions\n\nrestore0Dir\nrunApplication blockMesh\n\\cp a b\n\\mv b c\nrm a\n\
                       runApplication -s 1 topoSet -dict system/a # cells\nrunApplication decomposePar\nrunParallel $(getApplication)\nrunApplication \
                       reconstructPar\n";
         let found = of_script(script, "icoFoam", true);
@@ -140,9 +140,10 @@ mod tests {
             ["cp", "-rT", "0.orig", "0"].map(String::from).into(),
             vec!["blockMesh".into()],
             ["cp", "a", "b"].map(String::from).into(),
+            ["mv", "b", "c"].map(String::from).into(),
             vec!["topoSet".into(), "-dict".into(), "system/a".into()],
         ];
-        assert_eq!(found, Commands { prepare: expected, parallel: true, unknown: vec!["mv a b".into()] });
+        assert_eq!(found, Commands { prepare: expected, parallel: true, unknown: vec!["rm a".into()] });
         let quoted = of_script(
             "restore0Dir\nrunApplication transformPoints \\\n    -scale '(2 1 1)' # m\n",
             "icoFoam",
