@@ -79,7 +79,7 @@ void Foam::functionObjects::m4gnAverages::readQuantities(const dictionary& dict)
                                        << ": expected one of them, found both" << exit(FatalIOError);
         }
 
-        q.seldom = q.any = false;
+        q.seldom = q.any = q.settled = false;
         q.seen = q.last = 0;
 
         quantities_.append(q);
@@ -232,21 +232,22 @@ bool Foam::functionObjects::m4gnAverages::fromSurrogate() const
     return false;
 }
 
-bool Foam::functionObjects::m4gnAverages::check()
+bool Foam::functionObjects::m4gnAverages::check(const bool due)
 {
     bool all = true, any = false;
     std::string row(m4gn::text(time_.value())), json("{\n  \"time\": " + row);
 
     forAll(quantities_, i) {
-        const quantity& q = quantities_[i];
+        quantity& q = quantities_[i];
         m4gn_averages_figures f{};
         const bool found = m4gn_averages_check(averages_.get(), i, &f) == 0;
         const bool asked = q.tolerance > 0;
+        q.settled = f.settled && (due || q.settled);
         any = any || asked;
-        all = all && (!asked || f.settled);
+        all = all && (!asked || q.settled);
         char line[1000] = "";
         m4gn_averages_line(averages_.get(), i, line, sizeof(line));
-        Info << "m4gn: " << line << (asked ? (f.settled ? ", known" : ", not known yet") : "") << nl;
+        Info << "m4gn: " << line << (asked ? (q.settled ? ", known" : ", not known yet") : "") << nl;
         const double columns[] = {f.mean,           f.half_width,          f.rms,
                                   f.rms_half_width, f.frequency,           f.frequency_resolution,
                                   f.transient_end,  f.independent_samples, f.surrogate_share};
@@ -254,7 +255,7 @@ bool Foam::functionObjects::m4gnAverages::check()
                                     "rms_half_width", "frequency",           "frequency_resolution",
                                     "transient_end",  "independent_samples", "surrogate_share"};
         json += ",\n  " + m4gn::quoted(q.name) + ": {\n    \"statistic\": "
-                + (q.ofRms ? "\"rms\"" : "\"mean\"") + ",\n    \"settled\": " + (f.settled ? "true" : "false")
+                + (q.ofRms ? "\"rms\"" : "\"mean\"") + ",\n    \"settled\": " + (q.settled ? "true" : "false")
                 + ",\n    \"rows\": " + std::to_string(f.rows);
         for (unsigned k = 0; k < sizeof(keys) / sizeof(*keys); ++k) {
             const bool none = !found || ((k == 4 || k == 5) && f.frequency == 0);
@@ -368,7 +369,7 @@ bool Foam::functionObjects::m4gnAverages::execute()
     if (Pstream::master() && m4gn_averages_due(averages_.get())
         && time_.timeIndex() >= lastCheck_ + checkInterval_)
     {
-        known = check();
+        known = check(true);
         lastCheck_ = time_.timeIndex();
     }
     m4gn::broadcast(known);
@@ -410,7 +411,8 @@ bool Foam::functionObjects::m4gnAverages::end()
     // The figures of a run that ends as they are known are those of that check
     const bool ended = known_ && stop_ && time_.value() >= minTime_;
     if (started_ && !ended && Pstream::master() && lastCheck_ != time_.timeIndex()) {
-        check();
+        // It may come a step behind the last one, of the same rows but for one
+        check(m4gn_averages_due(averages_.get()));
         lastCheck_ = time_.timeIndex();
     }
 

@@ -48,6 +48,16 @@ keep long postProcessing
 [ "$(last_time)" = 2.5 ] || fail "the run without stop ended at $(last_time)"
 grep -q 'm4gn: Cd .* +- .* (95 %), transient to .* s' log.run || fail "the log has no line of Cd"
 
+# A run that ends a step behind the first check that finds it within its tolerance does not know it
+known=$(grep '^m4gn: Cd[: ]' log.run | grep -n ', known$' | head -n 1 | cut -d: -f1)
+once=$(rows ../long/postProcessing/averages/0/averages.dat | awk -v n="$known" 'NR == n - 1 { print $1 }')
+[ -n "$once" ] || fail "the drag of the long run is not known"
+clean_case
+control endTime "$(calc "$once + $(foamDictionary -entry deltaT -value system/controlDict)")"
+runs icoFoam
+grep '^m4gn: Cd ' log.run | tail -n 1 | grep -q ', not known yet$' || fail "a second check of the same rows made the drag known"
+control endTime 2.5
+
 # Ended when both are known; others see that this is the end
 clean_case
 beside='test { type m4gnRecorder; libs (m4gnFoam); timeEnd 0.1; writeControl timeStep; writeInterval 10; }'
