@@ -6,7 +6,6 @@
 #include "m4gnLastStep.H"
 #include "m4gnOwnFields.H"
 #include "m4gnClock.H"
-#include "m4gnClockwork.H"
 #include "m4gnVersion.H"
 #include "functionObjectList.H"
 #include "surfaceFields.H"
@@ -94,21 +93,15 @@ void Foam::m4gnJump::carryOnWriting(const scalar from) { writesFrom_ = m4gnClock
 
 void Foam::m4gnJump::beforeFirstStep()
 {
-    if (writesFrom_ != m4gnClockwork::start(time_)
-        && m4gnClockwork::writesPassed(time_, writesFrom_, 1.5 * time_.deltaTValue())
-               > m4gnClockwork::written(time_))
-    {
-        time_.writeOnce();
+    if (writesFrom_ != m4gnClockwork::start(time_)) {
+        usual_ = m4gnClockwork::toNext(time_, writesFrom_);
     }
 }
 
 void Foam::m4gnJump::afterFirstStep()
 {
     if (writesFrom_ != m4gnClockwork::start(time_)) {
-        m4gnClockwork::start(time_) = writesFrom_;
-        m4gnClockwork::written(time_) =
-            max(m4gnClockwork::written(time_),
-                m4gnClockwork::writesPassed(time_, writesFrom_, 0.5 * time_.deltaTValue()));
+        m4gnClockwork::countFrom(time_, writesFrom_, usual_);
     }
 }
 
@@ -118,7 +111,8 @@ Foam::m4gnJump::m4gnJump(
     : mesh_(mesh), time_(const_cast<Time&>(mesh.time())), run_(run), state_(state), completions_(completions),
       completion_(of(0)), name_(name), others_(m4gnFunctionObjects::chosen(name, mesh.time(), dict)),
       interval_(m4gnFunctionObjects::interval(dict)), writes_(dict.getOrDefault<bool>("writeJumps", false)),
-      stale_(mesh), jumping_(false), last_{false, 0}, writesFrom_(mesh.time().startTime().value())
+      stale_(mesh), jumping_(false), last_{false, 0},
+      writesFrom_(mesh.time().startTime().value()), usual_{0, 0}
 {
     if (mesh_.moving() || mesh_.changing()) {
         FatalErrorInFunction << "mode replace does not handle a mesh that moves or changes"
