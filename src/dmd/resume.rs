@@ -43,6 +43,11 @@ impl OnlineDmd {
         self.state.file = last[0] as u64 + 1;
     }
 
+    /// All times are later by this, s, in a run that is carried on at a time whose name is rounded.
+    pub fn shift(&mut self, later: f64) {
+        self.state.grid.iter_mut().for_each(|grid| grid.time += later);
+    }
+
     /// The solver stands at this time with these fields, in a run that is carried on: the next sample may lie before its next step.
     pub fn stand(&mut self, time: f64, delta_t: f64, fields: &[&[f64]]) {
         if self.state.grid.is_some_and(|grid| is_passed_next(grid, time, delta_t)) {

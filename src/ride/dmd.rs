@@ -231,6 +231,10 @@ impl Surrogate for DmdSurrogate {
             Restored::Whole => {
                 self.description.stride = self.online.settings().interval;
                 self.now = RestartState { fit: State::default(), ..saved };
+                if rounded(at.later / self.description.stride) != 0.0 {
+                    self.online.shift(at.later);
+                    self.now.begin += at.later;
+                }
                 self.delta_t = at.step.delta_t;
                 self.online.hold(self.now.before.as_ref());
                 if self.now.settle.has_settled() {

@@ -224,7 +224,9 @@ impl Ride<'_> {
         let changed = self.conditions.changed(&found.conditions);
         self.comm.agree_with(Ok(()), &changed)?;
         let step = Step { delta_t: if found.left < 0 { step.delta_t } else { found.delta_t }, ..step };
-        let at = Resumed { step: &step, state, solves: found.left < 0, holds: changed.is_empty() };
+        let later = step.time - found.time;
+        let (solves, holds) = (found.left < 0, changed.is_empty());
+        let at = Resumed { step: &step, state, later, solves, holds };
         let mut holds = vec![at.holds; self.candidates.len()];
         let pairs = self.candidates.iter_mut().zip(&found.surrogates).zip(&mut holds);
         for (((candidate, saved), holds), shadow) in pairs.zip(shadows) {
@@ -385,7 +387,7 @@ impl Ride<'_> {
                     let predicted = values.split_off(n);
                     Shadow {
                         waiting: true,
-                        begun: begun.time,
+                        begun: begun.time + (step.time - found.time),
                         finite: begun.finite,
                         idle: false,
                         start: values,

@@ -62,6 +62,8 @@ pub struct Resumed<'a> {
     pub step: &'a Step,
     /// All arrays of the state there.
     pub state: &'a [&'a [f64]],
+    /// How much later that is than where the state was saved, s: the name of a time is rounded.
+    pub later: f64,
     /// Whether the solver is at work there, and no jump.
     pub solves: bool,
     /// Whether the run goes on under the conditions that it was saved under.

@@ -138,6 +138,26 @@ fn the_rest_of_a_jump_is_taken_though_the_solver_has_made_a_field_anew() {
     assert_eq!(whole.jumps.last(), second.jumps.last());
 }
 
+/// A jump that had no room before the end of a run begins where the run goes on, though the name of that time is rounded.
+#[test]
+fn a_run_goes_on_from_a_time_whose_name_is_rounded() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = keeping(folder.path());
+    let mut first = Host::new(&settings, 0.0, 0, 5.0, solver(0.0, 1e9));
+    first.run(1e9, |_| false);
+    assert!((first.time - 5.0).abs() < 1e-9 && first.jumps.is_empty(), "{}", first.log);
+    first.ride.made_under("{}").unwrap();
+    first.ride.save(&folder.path().join("ride.state")).unwrap();
+    for rounding in [0.0, 3e-6] {
+        first.time += rounding;
+        let (mut second, answer) = carried_on(folder.path(), &first, &settings, "{}");
+        assert_eq!(answer.action, Action::Stride, "{rounding}");
+        second.go_on(&answer, &|_| false);
+        second.run(1e9, |_| false);
+        assert!(second.jumps.len() > 2 && second.worst < 1e-3, "{:?} {}", second.jumps, second.worst);
+    }
+}
+
 #[test]
 fn an_observer_carries_on_a_run_that_replaced() {
     let folder = tempfile::tempdir().unwrap();
