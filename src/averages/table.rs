@@ -43,9 +43,10 @@ pub fn read(path: &Path, name: &str) -> Result<Column> {
     let mut all = Column::default();
     for part in files_of(path)? {
         let text = files::read_text(&part).map_err(|e| Error::file(&part, format!("cannot be read: {e}")))?;
-        all.carried_on(column(&text, name).map_err(|message| Error::file(&part, message))?);
+        // A restart that was ended before its first step has left no rows
+        all.carried_on(rows(&text, name).map_err(|message| Error::file(&part, message))?);
     }
-    Ok(all)
+    some(all).map_err(|message| Error::file(path, message))
 }
 
 /// The file, or those of its name in folders that are named by times.
@@ -98,6 +99,19 @@ pub fn starts(folder: &Path) -> Vec<String> {
 /// # Errors
 /// What was expected and found, with line and column.
 pub fn column(text: &str, name: &str) -> std::result::Result<Column, String> {
+    rows(text, name).and_then(some)
+}
+
+/// The column, unless it is without rows.
+fn some(column: Column) -> std::result::Result<Column, String> {
+    match column.times.is_empty() {
+        true => Err("expected rows of numbers, found none".into()),
+        false => Ok(column),
+    }
+}
+
+/// As [`column`], of a text that may be without rows.
+fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
     let whole = text.rfind('\n').map_or("", |end| &text[..end]);
     let mut header = "";
     let mut place: Option<(usize, usize)> = None;
@@ -139,9 +153,6 @@ pub fn column(text: &str, name: &str) -> std::result::Result<Column, String> {
         }
         found.times.push(time);
         found.values.push(number(words[at], i)?);
-    }
-    if found.times.is_empty() {
-        return Err("expected rows of numbers, found none".into());
     }
     Ok(found)
 }
@@ -226,6 +237,8 @@ mod tests {
             ("4/Cd.dat", "5 3\n"),
             ("4/Cd_0.dat", "6 9\n"),
             ("5/Cd.dat", "5.5 7\n"),
+            ("5.5/Cd.dat", "# Time Cd\n"),
+            ("5.5/none.dat", "# Time Cd\n"),
         ] {
             let path = folder.path().join(file);
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -238,6 +251,8 @@ mod tests {
         assert_eq!((one.times.len(), one.series(2.0).len()), (3, 2));
         let gone = read(&folder.path().join("b.dat"), "1").unwrap_err().to_string();
         assert!(gone.contains("b.dat: is not there"), "{gone}");
+        let none = read(&folder.path().join("none.dat"), "1").unwrap_err().to_string();
+        assert!(none.contains("none.dat: expected rows of numbers, found none"), "{none}");
     }
 
     #[test]
