@@ -43,8 +43,8 @@ pub fn commands(source: &Source, parameters: &[Parameter]) -> Commands {
 /// # Errors
 /// [`Error::Input`] naming the parameter that no file uses, and the lines that may hold its value, or first fields that lose theirs.
 pub fn check_uses(source: &Source, parameters: &[Parameter]) -> Result<Vec<String>> {
-    let mut texts = Vec::new();
-    for name in source.files()? {
+    let (names, mut texts) = (source.files()?, Vec::new());
+    for name in names.clone() {
         let path = source.folder.join(&name);
         let short = path.metadata().is_ok_and(|m| m.len() <= LONGEST) && !name.contains("polyMesh/")
             || name.ends_with("blockMeshDict");
@@ -60,14 +60,23 @@ pub fn check_uses(source: &Source, parameters: &[Parameter]) -> Result<Vec<Strin
     }
     let text = |name: &str| texts.iter().find(|(n, _)| n == name).map_or("", |(_, text)| text.as_str());
     let used = |name: &str| parameters.iter().any(|p| uses(text(name), &p.name));
-    let undone = |&name: &&str| used(name) && !used(&name.replacen('0', ORIGINAL, 1));
     let replaces = ["restore0Dir", ORIGINAL].iter().any(|word| text("Allrun.pre").contains(word));
-    let mut fields = texts.iter().map(|(name, _)| name.as_str()).filter(|name| name.starts_with("0/"));
-    if let Some(name) = fields.find(undone).filter(|_| replaces) {
-        return Err(Error::Input(format!(
-            "{}: {name} uses a parameter, and Allrun.pre puts {ORIGINAL} in its place, which does not: expected it there as well",
-            source.folder.display()
-        )));
+    let commands = commands(source, parameters).prepare;
+    // The folder itself would go into the one that is there
+    let copies = commands.iter().flatten().any(|word| word.starts_with(&format!("{ORIGINAL}/")));
+    for field in names.iter().filter_map(|name| name.strip_prefix("0/")) {
+        let (first, original) = (format!("0/{field}"), format!("{ORIGINAL}/{field}"));
+        let fault = match (used(&first), used(&original)) {
+            (true, false) if replaces => format!(
+                "{first} uses a parameter, and Allrun.pre puts {ORIGINAL} in its place, which does not: expected it there as well"
+            ),
+            (false, true) if !replaces && !copies => format!(
+                "{original} uses a parameter, and {first}, which runs begin with, does not: remove the folder 0 where it is a copy of \
+                 {ORIGINAL}, or write the parameter into {first} as well"
+            ),
+            _ => continue,
+        };
+        return Err(Error::Input(format!("{}: {fault}", source.folder.display())));
     }
     let includes = |text: &str| text.contains("simulationParameters");
     let alone =
@@ -182,6 +191,11 @@ mod tests {
             message.contains("0/U uses a parameter, and Allrun.pre puts 0.orig in its place"),
             "{message}"
         );
+        let (_dir, stale) = source(&[("0/U", "1"), ("0.orig/U", "$Uin"), ("Allrun", "cp -r 0.orig 0\n")]);
+        let message = check_uses(&stale, &["Uin=1:2".parse().unwrap()]).unwrap_err().to_string();
+        assert!(message.contains("0.orig/U uses a parameter, and 0/U, which runs begin with"), "{message}");
+        let (_dir, copied) = source(&[("0/U", "1"), ("0.orig/U", "$Uin"), ("Allrun", "cp 0.orig/U 0/U\n")]);
+        check_uses(&copied, &["Uin=1:2".parse().unwrap()]).unwrap();
         assert_eq!(of("size=1:2").unwrap(), ["system/geometry"], "used, and not included");
         assert!(of("siz=1:2").is_err());
     }
