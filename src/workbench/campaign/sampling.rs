@@ -47,19 +47,20 @@ impl std::str::FromStr for Parameter {
     fn from_str(text: &str) -> Result<Self> {
         let wrong = || {
             Error::Input(format!(
-                "'{text}': expected NAME=LOW:HIGH with the lower number first, or NAME=VALUE,VALUE,..."
+                "'{text}': expected NAME=LOW:HIGH with the lower number first, or NAME=VALUE,VALUE,... of numbers or words; of a vector \
+                 each component is a parameter"
             ))
         };
         let (name, values) = text.split_once('=').ok_or_else(wrong)?;
         let number = |t: &str| super::table::number(t.trim()).ok_or_else(wrong);
         let values = match values.split_once(':') {
             Some((low, high)) => Values::Range([number(low)?, number(high)?]),
-            None => Values::List(values.split(',').map(|v| v.trim().to_string()).collect()),
+            None => {
+                let value = |text: &str| super::table::value(text.trim()).ok_or_else(wrong);
+                Values::List(values.split(',').map(value).collect::<Result<_>>()?)
+            }
         };
-        let empty = match &values {
-            Values::Range([low, high]) => low >= high,
-            Values::List(values) => values.iter().any(String::is_empty),
-        };
+        let empty = matches!(&values, Values::Range([low, high]) if low >= high);
         refuse(empty, |_| wrong(), || "")?;
         Ok(Parameter { name: name.trim().to_string(), values })
     }
@@ -198,6 +199,8 @@ mod tests {
             ("a", "NAME=LOW:HIGH"),
             ("a=1,,2", "NAME=VALUE"),
             ("a=x:y", "NAME=LOW"),
+            ("a=(1 0 0)", "of a vector each component is a parameter"),
+            ("a=1,nan", "of numbers or words"),
         ] {
             let message = text.parse::<Parameter>().unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");
