@@ -28,14 +28,29 @@ pub fn commands(source: &Source, parameters: &[Parameter]) -> Commands {
     if let Ok(script) = script {
         return script;
     }
-    let texts = BLOCK_MESH.iter().filter_map(|f| files::read_text(at(f)).ok());
-    let mut prepare = Vec::new();
-    for text in texts {
-        if !has_mesh(&source.folder) || parameters.iter().any(|p| uses(&text, &p.name)) {
-            prepare = vec![vec!["blockMesh".to_string()]];
-        }
-    }
+    let there: Vec<&str> = BLOCK_MESH.into_iter().filter(|f| at(f).is_file()).collect();
+    let made = !has_mesh(&source.folder) || there.iter().any(|f| depends(source, f, parameters));
+    let prepare = if made && !there.is_empty() { vec![vec!["blockMesh".to_string()]] } else { Vec::new() };
     Commands { prepare, ..Commands::default() }
+}
+
+/// Whether a file of the case, or one that it includes, uses a parameter.
+fn depends(source: &Source, file: &str, parameters: &[Parameter]) -> bool {
+    let all = source.files().unwrap_or_default();
+    let (mut left, mut seen) = (vec![file.to_string()], Vec::<String>::new());
+    while let Some(file) = left.pop() {
+        let text = files::read_text(source.folder.join(&file)).unwrap_or_default();
+        if parameters.iter().any(|p| uses(&text, &p.name)) {
+            return true;
+        }
+        let lines = text.lines().filter_map(|line| line.trim_start().strip_prefix("#include"));
+        for name in lines.filter_map(|line| line.split('"').nth(1)?.rsplit('/').next()) {
+            let named = |path: &&String| path.rsplit('/').next() == Some(name) && !seen.contains(*path);
+            left.extend(all.iter().filter(named).cloned());
+        }
+        seen.push(file);
+    }
+    false
 }
 
 /// Checks that some file of the case uses each parameter, and returns the files that use one without including [`PARAMETERS`].
@@ -162,6 +177,13 @@ mod tests {
         let (_dir, block) = source(&[("system/blockMeshDict", "$n"), ("constant/polyMesh/faces", "")]);
         assert!(commands(&block, &[]).prepare.is_empty());
         assert_eq!(commands(&block, &["n=1,2".parse().unwrap()]).prepare, [["blockMesh"]]);
+        let (_dir, included) = source(&[
+            ("system/blockMeshDict", "#include \"<system>/sizes\"\n"),
+            ("system/sizes", "#include \"sizes\"\nn $n;"),
+            ("constant/polyMesh/faces", ""),
+        ]);
+        assert!(commands(&included, &["m=1,2".parse().unwrap()]).prepare.is_empty());
+        assert_eq!(commands(&included, &["n=1,2".parse().unwrap()]).prepare, [["blockMesh"]]);
     }
 
     #[test]
