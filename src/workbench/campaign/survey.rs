@@ -99,14 +99,26 @@ pub fn check_uses(source: &Source, parameters: &[Parameter]) -> Result<Vec<Strin
     Ok(alone.map(|(name, _)| name.clone()).collect())
 }
 
-/// Whether a text has `$name` or `${name}`, or reads the parameter from the file of all.
+/// Whether a text has `$name` or `${name}` outside of comments, of whatever scope (`$..name`), or reads the parameter from the file of all: by its name
+/// in quotes, in place of an entry before the include, or, of a script, by its name alone.
 fn uses(text: &str, name: &str) -> bool {
     let word = |c: char| c.is_alphanumeric() || c == '_';
-    let plain = format!("${name}");
-    let dollar = text.match_indices(&plain).any(|(at, _)| !text[at + plain.len()..].starts_with(word));
-    dollar
-        || text.contains(&format!("${{{name}}}"))
-        || (text.contains("simulationParameters") && mentions(text, name))
+    let lines: Vec<&str> = text.lines().filter(|line| !line.trim_start().starts_with("//")).collect();
+    let dollar = |line: &&str| {
+        let behind = line.split('$').skip(1).map(|rest| rest.trim_start_matches(['{', '.', ':', '/']));
+        behind.filter_map(|rest| rest.strip_prefix(name)).any(|rest| !rest.starts_with(word))
+    };
+    let shared = |line: &&str| line.contains("simulationParameters");
+    let includes = |line: &&str| line.trim_start().starts_with("#include") && shared(line);
+    let quoted = format!("\"{name}\"");
+    lines.iter().any(dollar)
+        || match lines.iter().rposition(includes) {
+            Some(at) => {
+                lines.iter().any(|line| line.contains(&quoted))
+                    || lines[..at].iter().any(|line| line.split_whitespace().next() == Some(name))
+            }
+            None => lines.iter().any(shared) && lines.iter().any(|line| mentions(line, name)),
+        }
 }
 
 /// What is said of a parameter that no file uses.
@@ -149,6 +161,26 @@ fn unused(case: &Path, parameter: &Parameter, texts: &[(String, String)]) -> Str
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_parameter_is_used_where_its_value_counts() {
+        let include = "#include \"<system>/simulationParameters\"\n";
+        for (text, used) in [
+            ("a $U;", true),
+            ("a ${U};", true),
+            ("a $..U;", true),
+            ("a ${/U:-1};", true),
+            ("a #calc \"2*$U\";", true),
+            ("a $U0;\nb $U_x;", false),
+            ("// a $U;\nb 1;", false),
+        ] {
+            assert_eq!(uses(text, "U"), used, "{text}");
+        }
+        assert!(!uses(&format!("object U;\n{include}U 1;"), "U"), "the entry behind counts");
+        assert!(uses(&format!("object a;\nU 1;\n{include}"), "U"), "the one that is included counts");
+        assert!(uses(&format!("{include}a #codeStream {{ dict.lookup(\"U\") }}"), "U"));
+        assert!(uses("of() { foamDictionary -entry \"$1\" -value system/simulationParameters; }\nof U", "U"));
+    }
 
     fn source(list: &[(&str, &str)]) -> (tempfile::TempDir, Source) {
         let dir = tempfile::tempdir().unwrap();
