@@ -154,7 +154,7 @@ impl Progress {
         self.bar.iter().for_each(|b| b.inc(1));
         match self.stop.load(Ordering::Relaxed) {
             0 => Ok(()),
-            _ => Err(Error::Interrupted("stopped; nothing was written".into())),
+            _ => Err(Error::Interrupted("stopped; no figures were written".into())),
         }
     }
 
