@@ -301,8 +301,13 @@ fn random(copy: &Copy, config: &Path, report: &Report, room: &Path, tools: &Surr
     }
     let (data, own, out) = (room.join("data.h5"), room.join("config.toml"), room.join("random.safetensors"));
     fs::write(&own, table.to_string()).map_err(|e| Error::file(&own, e.to_string()))?;
+    // Frames are equally far apart, also where the solver would change its step
     copy.control_dict(
-        &format!("endTime {};", report.start_time + (STEPS * FRAMES) as f64 * report.delta_t),
+        &format!(
+            "adjustTimeStep no;\ndeltaT {};\nendTime {};",
+            report.delta_t,
+            report.start_time + (STEPS * FRAMES) as f64 * report.delta_t
+        ),
         &format!(
             "{NAME} {{ type m4gnRecorder; fields ({}); file \"{}\"; overwrite yes; writeControl timeStep; writeInterval {STEPS}; libs (m4gnFoam); }}",
             names.join(" "),
