@@ -1,6 +1,6 @@
 //! Tables of text: of OpenFOAM's function objects, and any other with a number for the time first in each row.
 
-use crate::Series;
+use crate::{Row, Series};
 use m4gn_base::{Error, Result, files};
 use std::path::{Path, PathBuf};
 
@@ -11,13 +11,24 @@ pub struct Column {
     pub times: Vec<f64>,
     /// Values of the column.
     pub values: Vec<f64>,
+    /// Rows at which what a later start has left begins.
+    begins: Vec<usize>,
 }
 
 impl Column {
-    /// The rows from `start` on, as a series.
+    /// The rows from `start` on, as a series: each stands for the time since the one before, the first for as long as the second. So does the first of a
+    /// later start, where that is less: what is missing before it counts for nothing.
     pub fn series(&self, start: f64) -> Series {
-        let first = self.times.partition_point(|t| *t < start);
-        Series::of(&self.times[first..], &self.values[first..])
+        let (mut series, times) = (Series::default(), &self.times);
+        let first = times.partition_point(|t| *t < start);
+        for (i, (&time, &value)) in times.iter().zip(&self.values).enumerate().skip(first) {
+            let since = if i > first { time - times[i - 1] } else { f64::INFINITY };
+            let begins = i == first || self.begins.contains(&i);
+            let own = times.get(i + 1).filter(|_| begins).map_or(f64::INFINITY, |next| next - time);
+            let weight = Some(since.min(own)).filter(|weight| weight.is_finite()).unwrap_or(1.0);
+            series.push(Row { time, value, weight, surrogate: false });
+        }
+        series
     }
 
     /// Takes another one's rows in place of its own from that one's first row on.
@@ -26,6 +37,8 @@ impl Column {
         let keep = self.times.partition_point(|t| t < first);
         self.times.truncate(keep);
         self.values.truncate(keep);
+        self.begins.retain(|i| *i < keep);
+        self.begins.push(keep);
         self.times.extend(later.times);
         self.values.extend(later.values);
     }
@@ -212,6 +225,21 @@ pub fn names(header: &str, count: usize) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_lies_between_two_starts_and_is_in_no_table_counts_for_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        for (file, text) in
+            [("0/a", "-1 5\n0 5\n1 5\n"), ("1/a", "2 5\n"), ("8/a", "8.5 1\n9 1\n"), ("9/a", "9.5 1\n")]
+        {
+            let path = folder.path().join(file);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        }
+        let series = read(&folder.path().join("a"), "1").unwrap().series(f64::NEG_INFINITY);
+        let weights: Vec<f64> = series.rows().iter().map(|row| row.weight).collect();
+        assert_eq!(weights, [1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5]);
+    }
 
     #[test]
     fn tables_of_openfoam_are_read_by_the_names_of_their_columns() {
