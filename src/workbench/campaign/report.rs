@@ -1,7 +1,7 @@
 //! What came of a campaign: a table of all figures, and a page.
 
 use super::record::{DONE, Figure, Record, State};
-use super::table::{csv_text, number as as_number};
+use super::table::{NAME, OF_RESULTS, csv_text, number as as_number};
 use super::{Campaign, Unit};
 use m4gn_base::{Result, files};
 use m4gn_report::chart::{Axis, BLUE, ORANGE};
@@ -80,9 +80,7 @@ pub fn report(campaign: &Campaign) -> Result<Report> {
 /// A row for each run and figure.
 fn results(campaign: &Campaign, runs: &[Run]) -> Result<String> {
     let parameters = &campaign.table.parameters;
-    let columns =
-        ["quantity", "value", "half_width", "known", "start", "solver_s", "surrogate_s", "end_time"];
-    let header = ["case_name"].into_iter().chain(parameters.iter().map(String::as_str)).chain(columns);
+    let header = [NAME].into_iter().chain(parameters.iter().map(String::as_str)).chain(OF_RESULTS);
     let mut rows = vec![header.map(String::from).collect::<Vec<_>>()];
     for Run { unit, record: r, .. } in runs {
         let start = if unit.check { "check".into() } else { r.start.to_string() };

@@ -9,6 +9,9 @@ use std::path::Path;
 pub const FILE: &str = "parameters.csv";
 /// Its first column.
 pub const NAME: &str = "case_name";
+/// Columns of `results.csv` behind the parameters.
+pub(super) const OF_RESULTS: [&str; 8] =
+    ["quantity", "value", "half_width", "known", "start", "solver_s", "surrogate_s", "end_time"];
 
 /// A run's name and the values of its parameters, in the order of [`Table::parameters`].
 #[derive(Clone, Debug, PartialEq)]
@@ -172,10 +175,10 @@ pub(super) fn number(value: &str) -> Option<f64> {
 
 /// Checks that names can be names of OpenFOAM's entries, each once.
 pub(super) fn check_names(parameters: &[String]) -> std::result::Result<(), String> {
-    let mut names = HashSet::new();
-    match parameters.iter().find(|p| !is_word(p) || p.contains('-') || !names.insert(*p) || *p == NAME) {
+    let mut names: HashSet<&str> = OF_RESULTS.into_iter().chain([NAME]).collect();
+    match parameters.iter().find(|p| !is_word(p) || p.contains('-') || !names.insert(p.as_str())) {
         Some(name) => Err(format!(
-            "parameter '{name}': expected a name of its own, of at most 64 letters, digits and _"
+            "parameter '{name}': expected a name of its own, of at most 64 letters, digits and _, and no column of results.csv"
         )),
         None => Ok(()),
     }
@@ -237,6 +240,7 @@ mod tests {
         for (text, expected) in [
             ("name,U\na,1\n", "line 1: expected case_name"),
             ("case_name,U,U\na,1,2\n", "parameter 'U': expected a name of its own"),
+            ("case_name,value\na,1\n", "parameter 'value': expected a name of its own"),
             ("case_name,U\n", "found none"),
             ("case_name,U\n../a,1\n", "line 2: expected a name"),
             ("case_name,U\na,1\na,2\n", "line 3: there is another run"),
