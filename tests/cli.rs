@@ -151,6 +151,16 @@ fn a_pipe_that_nobody_writes_to_is_not_waited_for() {
 }
 
 #[test]
+fn times_may_be_negative() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = folder.path().join("a.dat");
+    let rows = (0..60).map(|i| format!("{} {}\n", f64::from(i) - 50.0, i % 3));
+    fs::write(&table, rows.collect::<String>()).unwrap();
+    let run = m4gn().arg("averages").arg(&table).args(["--column", "1", "--start", "-0.5"]).output().unwrap();
+    fails(&run, "found 10 rows from time -0.5 on");
+}
+
+#[test]
 fn what_is_no_case_is_bad_usage() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file");

@@ -19,7 +19,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     column: String,
     /// Leave out what is before this time, s
-    #[arg(long, value_name = "T", default_value_t = f64::NEG_INFINITY, hide_default_value = true)]
+    #[arg(long, value_name = "T", default_value_t = f64::NEG_INFINITY, hide_default_value = true, allow_negative_numbers = true)]
     start: f64,
     /// Probability that an interval holds the true value
     #[arg(long, value_name = "P", default_value_t = 0.95)]

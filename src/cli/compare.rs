@@ -27,7 +27,7 @@ pub struct Args {
     #[arg(long, value_name = "PATCH")]
     probe_patch: Option<String>,
     /// Count errors from this time on, s [default: the takeover that m4gnSurrogate recorded in CASE_B].
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     from: Option<f64>,
     /// Wall time of the full run, s [default: from its log.APPLICATION, in whole seconds].
     #[arg(long, value_name = "S")]
