@@ -6,8 +6,8 @@ use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Most runs of a campaign.
-const MOST: usize = 100_000;
+/// Most runs of a campaign: so many Sobol points there are.
+const MOST: usize = 1 << 16;
 
 /// How values are chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
