@@ -121,7 +121,10 @@ pub fn with_row(folder: &Path, values: Vec<String>) -> Result<String> {
     if let Some(row) = table.rows.iter().find(|r| r.values.iter().zip(&values).all(|(a, b)| same(a, b))) {
         return Ok(row.name.clone());
     }
-    let (first, taken) = (table.rows.len() + 1, |name: &String| table.rows.iter().any(|r| r.name == *name));
+    // Of a row that was taken out the run may be there
+    let of_run = |name: &String| folder.join("runs").join(name).exists();
+    let taken = |name: &String| table.rows.iter().any(|r| r.name == *name) || of_run(name);
+    let first = table.rows.len() + 1;
     let name = (first..).map(|i| format!("r{i:02}")).find(|name| !taken(name)).unwrap_or_default();
     let mut text = files::read_text(&path).map_err(|e| Error::file(&path, format!("cannot be read: {e}")))?;
     if !text.ends_with('\n') {
@@ -227,6 +230,8 @@ mod tests {
         assert_eq!([of("0.3", "b"), of("4e20", "a")], ["r04", "r06"]);
         let all = std::fs::read_to_string(&path).unwrap();
         assert_eq!(all, format!("{text}\nr04,0.3,b\nr05,-4,a\nr06,4e20,a\n"));
+        std::fs::create_dir_all(dir.path().join("runs/r07")).unwrap();
+        assert_eq!(of("5", "a"), "r08", "a run of r07 is there");
         assert_eq!([value("nan"), value("a b"), value("")], [None, None, None]);
         let open = "case_name,Uin,model\nr01,1,\"a";
         std::fs::write(&path, open).unwrap();
