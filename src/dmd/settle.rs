@@ -49,19 +49,19 @@ const FALLEN: f64 = 1.6;
 const KNOWN: usize = 12;
 const SPACING: f64 = 0.08;
 
-/// Periods ahead that a growth rate alone is trusted for, and the largest growth a period for which it is. By Stuart and Landau an amplitude is
-/// not brought beyond its end where the product of both is below 1/2 at all amplitudes.
-const AHEAD: f64 = 3.4;
+/// Growth a period below which it is slow.
 const SLOW: f64 = 0.15;
 
-/// Periods that a wave needs to settle by itself up to which it is left alone, as a change upsets it for as long; and once it was changed, when
-/// its growth is known at amplitudes far apart.
-const SOON: f64 = 1.5;
+/// Periods that a wave needs to settle by itself up to which it is left alone, as a change upsets it for as long, and what a start-up does
+/// besides is taken for its growth: of one that comes to less than twice its amplitude, of one that comes to more, and once it was changed,
+/// when its growth is known at amplitudes far apart.
+const SOON: f64 = 10.0;
+const FAR: f64 = 5.0;
 const AGAIN: f64 = 1.0;
 
-/// Least change by growth rates far enough apart, and by a bound: their logarithms.
-const SURELY: f64 = 0.04;
-const PERHAPS: f64 = 0.18;
+/// Logarithm of the least change, and of what the ends that two looks say may differ by.
+const LITTLE: f64 = 0.04;
+const ALIKE: f64 = 0.1;
 
 /// What is to be done at a snapshot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -128,6 +128,9 @@ pub struct Settle {
     /// Looks one after the other at which the wave stayed as it is, and at which it nearly did.
     settled: usize,
     calm: usize,
+    /// Where the last look said that the amplitude ends.
+    #[serde(default)]
+    end: Option<f64>,
     /// Whether the wave was clear at the last look, and not settled.
     moves: bool,
     /// Whether anything was changed, and how often that was undone.
@@ -203,7 +206,7 @@ impl Settle {
 
     /// Nothing is clear. A change that leaves no wave has done well where it was to die.
     fn unclear(&mut self, window: &Window) -> Look {
-        (self.settled, self.calm, self.moves) = (0, 0, false);
+        (self.settled, self.calm, self.moves, self.end) = (0, 0, false, None);
         let Some(before) = &mut self.before else { return Look::default() };
         before.looks += 1;
         if before.looks < LOOKS {
@@ -232,14 +235,19 @@ impl Settle {
             self.over = true;
             return Turn::Settled;
         }
-        let found = end.or_else(|| self.bound(now)).filter(|_| self.moves);
-        let Some((factor, periods)) = found else { return Turn::Wait };
-        let least = if end.is_some() { SURELY } else { PERHAPS };
-        let soon = if self.changed { AGAIN } else { SOON };
-        if factor.ln().abs() < least || periods < soon {
+        let amplitude = now.amplitude;
+        let ends_at = end.map(|(factor, _)| factor * amplitude);
+        let before = std::mem::replace(&mut self.end, ends_at);
+        let is_alike = before.zip(ends_at).is_some_and(|(a, b)| (a / b).ln().abs() < ALIKE);
+        let Some((factor, periods)) = end.filter(|_| self.moves && is_alike) else { return Turn::Wait };
+        let soon = match self.changed {
+            true => AGAIN,
+            false if factor > 2.0 => FAR,
+            false => SOON,
+        };
+        if factor.ln().abs() < LITTLE || periods < soon {
             return Turn::Wait;
         }
-        let amplitude = now.amplitude;
         self.changed = true;
         self.before = Some(Before { rate, amplitude, aim: factor * amplitude, activity, looks: 0 });
         Turn::Change(factor)
@@ -279,16 +287,6 @@ impl Settle {
         let mut last = self.known.iter().rev().take(KNOWN);
         let has_fallen = last.clone().any(|p| p.0 > FALLEN * now.square);
         (has_fallen && last.all(|p| p.1 < 0.0)).then(|| (LEAST, 50f64.ln() / -rate))
-    }
-
-    /// The same of a wave that grows slowly, at least.
-    fn bound(&self, now: &Leading) -> Option<(f64, f64)> {
-        let rate = now.rate();
-        let (slope, _) = self.line(rate)?;
-        let alone = (rate * AHEAD).exp().min(MOST);
-        let factor = limit(now, slope).map_or(alone, |(by_slope, _)| alone.min(by_slope));
-        let s = rate / (1.0 - 1.0 / (factor * factor));
-        (rate > 0.0 && rate < SLOW && factor > 1.0).then(|| (factor, periods(s, factor)))
     }
 }
 
