@@ -44,7 +44,7 @@ impl BodyHost {
         let (whole, ranks) = mesh.whole_body(comm)?;
         let obstacle = mesh.obstacle.as_ref();
         comm.agree(check_start(&whole, obstacle))?;
-        let made = Made::new((&whole, &ranks, obstacle), spec, options.segments, None, options.modes, comm)?;
+        let made = Made::new((&whole, &ranks, obstacle), spec, options.segments, options.modes, comm)?;
         let Made { part, body, structure } = made;
         let place = |g: &i64| part.points.binary_search(&(*g as u32)).unwrap_or_default();
         let place: Vec<usize> = mesh.cell_global.iter().map(place).collect();

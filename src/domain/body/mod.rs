@@ -36,31 +36,27 @@ struct Made {
 }
 
 impl Made {
-    /// The points p of a whole body with `ranks[p]` this rank. `labels` are the segments of this rank's points, found before. Collective;
-    /// all ranks fail together.
+    /// The points p of a whole body with `ranks[p]` this rank. Collective; all ranks fail together.
     fn new(
         (whole, ranks, obstacle): (&Solid, &[i32], Option<&Obstacle>),
         spec: &ModelSpec,
         settings: &SegmentSpec,
-        labels: Option<&[i32]>,
         modes: &dyn ModalSource,
         comm: &Comm,
     ) -> Result<Self> {
         Structure::check_ranks(spec, comm)?;
-        let needed = spec.architecture.needs().segments;
+        let needs = spec.architecture.needs();
         // Every rank computes the same modes: bodies at points are small beside what ranks are for.
-        let modes = match needed && labels.is_none() && settings.method.uses_modes() && settings.count > 1 {
+        let modes = match needs.segments && settings.method.uses_modes() && settings.count > 1 {
             true => Some(comm.agree(modes.of_body(whole, settings.modes))?),
             false => None,
         };
         let part = comm.agree(BodyPart::of_rank(whole, obstacle, ranks, comm.rank()))?;
         let (body, graph) = Body::new(&part, spec, comm)?;
-        let segments = match labels {
-            _ if !needed => None,
-            Some(labels) => Some(segments::of_labels(&part, &body, spec, settings, labels, comm)?),
-            None => Some(segments::segment(&part, &body, spec, settings, modes.as_ref(), comm)?),
+        let segments = match needs.segments {
+            true => Some(segments::segment(&part, &body, spec, settings, modes.as_ref(), comm)?),
+            false => None,
         };
-        let needs = spec.architecture.needs();
         let sequence = Structure::sequence_of(segments.as_ref(), needs, &part.mesh, comm)?;
         let mut walk = m4gn_structure::node_walk(&segments::without_obstacle(&part), needs.walk, comm)?;
         // The obstacle's points are nodes of the first rank.
@@ -85,6 +81,6 @@ pub(crate) fn place(
     let comm = Comm::serial();
     let (whole, ranks) = mesh.whole_body(&comm)?;
     let whole = (&whole, &ranks[..], mesh.obstacle.as_ref());
-    let Made { part, body, structure } = Made::new(whole, spec, settings, None, modes, &comm)?;
+    let Made { part, body, structure } = Made::new(whole, spec, settings, modes, &comm)?;
     Ok(Place { cell_size: cell_size(&part.mesh, &comm), domain: Box::new(body), structure, coarse: None })
 }

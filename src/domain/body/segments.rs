@@ -33,7 +33,7 @@ pub fn segment(
         settings.method = SegmentMethod::Slic;
     }
     let mut graph = Graph::new(&bare, comm)?;
-    let body = match modes {
+    let mut body = match modes {
         Some(modes) => {
             let own = Modes {
                 eigenvalues: modes.eigenvalues.clone(),
@@ -51,46 +51,16 @@ pub fn segment(
         }
         None => segments::segment(&bare, &mut graph, &settings, &NoModes, comm, None)?,
     };
-    Ok(finished(body, &bare, part, nodes, spec, comm))
-}
-
-/// As [`segment`], with the segments of this rank's own points, which were found before.
-///
-/// # Errors
-/// As [`segments::segment`], for labels that are no segments.
-pub fn of_labels(
-    part: &BodyPart,
-    nodes: &Body,
-    spec: &ModelSpec,
-    settings: &SegmentSpec,
-    labels: &[i32],
-    comm: &Comm,
-) -> Result<Segmentation> {
-    let bare = without_obstacle(part);
-    let mut graph = Graph::new(&bare, comm)?;
-    let body = segments::segment(&bare, &mut graph, settings, &NoModes, comm, Some(labels))?;
-    Ok(finished(body, &bare, part, nodes, spec, comm))
+    body.encode(spec, &bare, comm);
+    Ok(match part.obstacle.is_empty() {
+        true => body,
+        false => with_obstacle(body, part, nodes, spec),
+    })
 }
 
 /// This rank's part of the body alone.
 pub(super) fn without_obstacle(part: &BodyPart) -> Mesh {
     Mesh { boundary: Vec::new(), ..part.mesh.clone() }
-}
-
-/// What a network reads of a body's segments, and the obstacle as one more. Collective.
-fn finished(
-    mut body: Segmentation,
-    bare: &Mesh,
-    part: &BodyPart,
-    nodes: &Body,
-    spec: &ModelSpec,
-    comm: &Comm,
-) -> Segmentation {
-    body.encode(spec, bare, comm);
-    match part.obstacle.is_empty() {
-        true => body,
-        false => with_obstacle(body, part, nodes, spec),
-    }
 }
 
 /// Adds the obstacle as the last segment.
