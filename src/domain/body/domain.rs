@@ -41,7 +41,7 @@ impl Domain for Body {
     }
 
     fn set_edges(&self, comm: &Comm, state: &mut [f32], structure: &mut Structure) -> Result<()> {
-        let (local, owned) = (3 * self.n_local(), 3 * self.n_owned());
+        let (local, owned) = (3 * self.n_local, 3 * self.n_owned);
         let checked = match state[..owned.min(state.len())].iter().position(|v| !v.is_finite()) {
             _ if state.len() < local => {
                 Err(Error::Input(format!("{} displacement components, expected {local}", state.len())))

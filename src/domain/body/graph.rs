@@ -25,15 +25,18 @@ use m4gn_structure::graph::Graph;
 pub struct Body {
     pub(super) components: Components,
     pub(super) boundary: Boundary,
-    radius: f64,
-    n_owned: usize,
-    n_local: usize,
+    /// Within which the obstacle's points are joined to the skin's, m.
+    pub(super) radius: f64,
+    /// Own nodes: points, then, on the first rank, the obstacle's.
+    pub(super) n_owned: usize,
+    /// Own nodes and ghosts.
+    pub(super) n_local: usize,
     /// Own points whose displacement is prescribed.
     pub(super) held: Vec<bool>,
     /// Sorted by receiver.
     pub(super) edges: Vec<MeshEdge>,
     /// Own points that can be touched.
-    skin: Vec<u32>,
+    pub(super) skin: Vec<u32>,
     /// Positions at rest of the own points, m.
     pub(super) rest: Vec<Vector>,
     /// Positions of the obstacle where its displacement is 0, m.
@@ -41,7 +44,7 @@ pub struct Body {
     /// Triangles of its surface.
     pub(super) triangles: Vec<[i32; 3]>,
     /// Local nodes of the obstacle's points.
-    obstacle_nodes: Vec<i32>,
+    pub(super) obstacle_nodes: Vec<i32>,
 }
 
 impl Body {
@@ -130,39 +133,9 @@ impl Body {
         Ok((body, graph))
     }
 
-    /// Own nodes: points, then, on the first rank, the obstacle's.
-    pub fn n_owned(&self) -> usize {
-        self.n_owned
-    }
-
-    /// Own nodes and ghosts.
-    pub fn n_local(&self) -> usize {
-        self.n_local
-    }
-
-    /// Local nodes of the obstacle's points.
-    pub fn obstacle_nodes(&self) -> &[i32] {
-        &self.obstacle_nodes
-    }
-
     /// Own points.
     pub fn n_points(&self) -> usize {
         self.rest.len()
-    }
-
-    /// Own points that can be touched.
-    pub(crate) fn skin(&self) -> &[u32] {
-        &self.skin
-    }
-
-    /// Positions at rest of the own points, m.
-    pub(crate) fn rest(&self) -> &[Vector] {
-        &self.rest
-    }
-
-    /// Within which the obstacle's points are joined to the skin's, m.
-    pub(crate) fn radius(&self) -> f64 {
-        self.radius
     }
 
     /// The obstacle's surface at a displacement of its points, m; none without an obstacle.

@@ -54,7 +54,7 @@ impl BodyHost {
             (count, place.iter().map(|&i| s.node_segment[i]).collect())
         });
         let size = cell_size(&part.mesh, comm);
-        let local = 3 * body.n_local();
+        let local = 3 * body.n_local;
         let host = BodyHost {
             field: spec.fields[0].name.clone(),
             obstacle: obstacle.cloned(),
@@ -111,7 +111,7 @@ impl BodyHost {
         let BodyHost { body, state, next, .. } = self;
         fill(state, self.place.iter().copied(), displacement);
         for (rows, values) in [(&mut *state, motion[0]), (next, motion[1])] {
-            fill(rows, body.obstacle_nodes().iter().map(|&node| node as usize), values);
+            fill(rows, body.obstacle_nodes.iter().map(|&node| node as usize), values);
         }
         let outputs = network.predict(comm, body, state, next)?;
         self.outputs.copy_from_slice(outputs);

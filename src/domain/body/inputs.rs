@@ -18,13 +18,13 @@ impl Body {
         let fields = self.components.inputs.len();
         let width = fields + N_CONTACT_INPUTS;
         inputs.clear();
-        inputs.resize(self.n_owned() * width, 0.0);
+        inputs.resize(self.n_owned * width, 0.0);
         for (row, u) in inputs.chunks_exact_mut(width).zip(displacement.as_chunks::<3>().0) {
             row[..fields].copy_from_slice(&u[..fields]);
         }
         let of_obstacle = |rows: &[f32]| -> Vec<[f32; 3]> {
             let rows = rows.as_chunks::<3>().0;
-            self.obstacle_nodes().iter().map(|&node| rows[node as usize]).collect()
+            self.obstacle_nodes.iter().map(|&node| rows[node as usize]).collect()
         };
         let (now, after) = (&of_obstacle(displacement)[..], &of_obstacle(next)[..]);
         // Only the first rank has rows of the obstacle.
@@ -35,9 +35,9 @@ impl Body {
         let (Some(now), Some(after)) = (self.surface(now), self.surface(after)) else {
             return;
         };
-        for &p in self.skin() {
+        for &p in &self.skin {
             let u = &displacement[3 * p as usize..][..3];
-            let x: Vector = std::array::from_fn(|i| self.rest()[p as usize][i] + f64::from(u[i]));
+            let x: Vector = std::array::from_fn(|i| self.rest[p as usize][i] + f64::from(u[i]));
             let row = &mut inputs[p as usize * width + fields..][..N_CONTACT_INPUTS];
             row[3] = self.nearness(&now, x).map_or(0.0, |(near, _)| near as f32);
             if let Some((near, normal)) = self.nearness(&after, x) {
@@ -49,11 +49,11 @@ impl Body {
 
     /// How much nearer than the radius a place is to the obstacle, m, and the obstacle's normal there.
     fn nearness(&self, obstacle: &Surface, x: Vector) -> Option<(f64, Vector)> {
-        if obstacle.beyond_box(x) >= self.radius() {
+        if obstacle.beyond_box(x) >= self.radius {
             return None;
         }
         let foot = obstacle.foot(x)?;
-        let near = self.radius() - foot.distance;
+        let near = self.radius - foot.distance;
         (near > 0.0).then_some((near, foot.normal))
     }
 }

@@ -66,7 +66,7 @@ pub(super) fn without_obstacle(part: &BodyPart) -> Mesh {
 /// Adds the obstacle as the last segment.
 fn with_obstacle(body: Segmentation, part: &BodyPart, nodes: &Body, spec: &ModelSpec) -> Segmentation {
     let (k, q) = (body.count, part.obstacle.len());
-    let here = nodes.n_owned() - nodes.n_points();
+    let here = nodes.n_owned - nodes.n_points();
     let mut s = body;
     s.node_segment.extend(vec![k as i32; here]);
     for _ in 0..here {
