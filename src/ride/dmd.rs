@@ -1,7 +1,6 @@
 //! Higher-order dynamic mode decomposition of the run's own states, as a surrogate.
 
 use crate::dmd_settings::DmdSettings;
-use crate::fit_rules::FitRules;
 use crate::inputs::prescribed_in_time;
 use crate::interval::Interval;
 use crate::registry::Making;
@@ -50,10 +49,9 @@ pub struct DmdSurrogate {
     /// Of each array that a fit knows its place in the layout.
     pub(crate) places: Vec<usize>,
     pub(crate) online: OnlineDmd,
-    settings: DmdSettings,
-    pub(crate) rules: FitRules,
+    pub(crate) settings: DmdSettings,
     /// Those of a fit with inputs.
-    driven: FitRules,
+    driven: DmdSettings,
     pub(crate) now: RestartState,
     predicted: Option<Combination>,
     /// Strides that it is ahead of where it was predicted from.
@@ -122,8 +120,7 @@ impl DmdSurrogate {
             layout: layout.clone(),
             places,
             online,
-            driven: settings.rules().driven(),
-            rules: settings.rules(),
+            driven: settings.clone().driven(),
             settings,
             now: RestartState {
                 begin: of.start.time,
@@ -258,10 +255,10 @@ impl Surrogate for DmdSurrogate {
 }
 
 impl Fits for DmdSurrogate {
-    fn rules(&self) -> &FitRules {
+    fn rules(&self) -> &DmdSettings {
         match self.online.fitted() {
             Some(fit) if fit.model.inputs() > 0 => &self.driven,
-            _ => &self.rules,
+            _ => &self.settings,
         }
     }
 
@@ -323,7 +320,7 @@ impl Fits for DmdSurrogate {
         if self.settings.snapshot_interval.is_none() {
             let present = self.description.stride;
             let span = fit.numbers.len() as f64 * present;
-            let holds = fit.tail_error() < self.rules.fit_tolerance;
+            let holds = fit.tail_error() < self.settings.fit_tolerance;
             if self.now.interval.take(&modes, present, span, holds) && holds {
                 // It is right at its states alone: between them harmonics would be waves of other frequencies.
                 self.online.forget();

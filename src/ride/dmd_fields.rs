@@ -38,7 +38,7 @@ impl DmdSurrogate {
         let Some(fit) = self.online.fitted() else { return Ok(()) };
         for (&array, &square) in self.description.advances.iter().zip(raised.iter()) {
             let variation = fit.variation(self.own(array));
-            if variation > 0.0 && square > self.rules.jump_tolerance.powi(2) * variation {
+            if variation > 0.0 && square > self.settings.jump_tolerance.powi(2) * variation {
                 return Err(Error::Numerical(format!(
                     "the fit lets {} fall below what is physical: the stride is not taken",
                     self.layout.arrays()[array].name

@@ -1,6 +1,5 @@
 //! What a case sets of the dmd surrogate.
 
-use crate::fit_rules::FitRules;
 use m4gn_base::settings;
 use m4gn_base::{Error, Result};
 use m4gn_dmd::{FitSettings, Settle, Storage};
@@ -157,18 +156,10 @@ impl DmdSettings {
         }
     }
 
-    /// By what it is decided when a fit is used, and how far it jumps.
-    pub(crate) fn rules(&self) -> FitRules {
-        FitRules {
-            fit_tolerance: self.fit_tolerance,
-            jump_tolerance: self.jump_tolerance,
-            initial_jump: self.initial_jump,
-            jump_growth: self.jump_growth,
-            max_jump: self.max_jump,
-            refit_interval: self.refit_interval,
-            min_snapshots: self.min_snapshots(),
-            window: self.window(),
-        }
+    /// Those of a fit with inputs: its errors are those of what the inputs do by chance, so that waiting betters nothing, and what adds up over
+    /// a jump does not show in the stride after it.
+    pub(crate) fn driven(self) -> Self {
+        DmdSettings { fit_tolerance: self.jump_tolerance, max_jump: self.initial_jump, ..self }
     }
 }
 

@@ -5,7 +5,7 @@
 //! lets the next one be longer; one that agrees to the tolerance lets it be shorter; else the solver goes on until a new fit holds.
 
 use crate::decisions::Decisions;
-use crate::fit_rules::FitRules;
+use crate::dmd_settings::DmdSettings;
 use crate::interval::LEAST_ENERGY;
 use crate::schedule::Step;
 use crate::surrogate::{Cut, FitReport, Fits, Wave};
@@ -50,7 +50,7 @@ pub(crate) struct FitControl {
 }
 
 impl FitControl {
-    pub fn new(rules: &FitRules) -> Self {
+    pub fn new(rules: &DmdSettings) -> Self {
         FitControl { length: rules.initial_jump as f64, best: f64::MAX, ..FitControl::default() }
     }
 
@@ -65,7 +65,7 @@ impl FitControl {
     /// Whether the solver is to go on where another surrogate would jump: that one has jumped as far as a window is long, and a window of the
     /// solver's own states must come before a fit can hold.
     pub fn wants_solver(&self, fits: &dyn Fits) -> bool {
-        !fits.has_fit() && self.jumped_by_others >= fits.rules().window as f64
+        !fits.has_fit() && self.jumped_by_others >= fits.rules().window() as f64
     }
 
     /// Takes the modes of a fit that is used from here on; none: there is no new one.
@@ -117,7 +117,7 @@ impl FitControl {
         }
         self.tried += seen.snapshots;
         self.contiguous = seen.contiguous;
-        let (least, every) = (fits.rules().min_snapshots, fits.rules().refit_interval);
+        let (least, every) = (fits.rules().min_snapshots(), fits.rules().refit_interval);
         if seen.contiguous >= least && (self.tried >= every || seen.contiguous == least) {
             text += &self.fit(fits, step, decisions);
         }
@@ -145,7 +145,7 @@ impl FitControl {
             fits.drop_fit();
         }
         // Where a fit holds, or will, what another surrogate makes would only begin the window anew.
-        self.jumped_by_others = if error < PROMISING { rules.window as f64 } else { 0.0 };
+        self.jumped_by_others = if error < PROMISING { rules.window() as f64 } else { 0.0 };
         self.length = rules.initial_jump as f64;
         let verdict = match trend {
             _ if holds && report.inputs > 0 => "it is used, with what is prescribed from here on".into(),
@@ -189,13 +189,13 @@ impl FitControl {
     }
 
     /// Why there was no jump, for people.
-    pub fn why_no_jump(&self, rules: &FitRules, stride: f64, time: f64) -> String {
-        let missing = rules.min_snapshots.saturating_sub(self.contiguous);
+    pub fn why_no_jump(&self, rules: &DmdSettings, stride: f64, time: f64) -> String {
+        let missing = rules.min_snapshots().saturating_sub(self.contiguous);
         match self.tries {
             0 => format!(
                 "no fit: it takes {} states {stride:.3e} s apart without a gap (minSnapshots), and at the end there were {}; a first one comes \
                  at {:.4} s at the earliest",
-                rules.min_snapshots,
+                rules.min_snapshots(),
                 self.contiguous,
                 time + missing as f64 * stride
             ),
@@ -207,7 +207,7 @@ impl FitControl {
     }
 
     /// Error of a stride beside the solver up to which the present fit is as good as when it was first used: twice what it was used with.
-    fn limit(&self, rules: &FitRules) -> f64 {
+    fn limit(&self, rules: &DmdSettings) -> f64 {
         let used = self.errors.last().map_or(0.0, |e| 2.0 * e);
         used.max(rules.fit_tolerance).min(rules.jump_tolerance)
     }
@@ -295,7 +295,7 @@ fn of_the_wave(wave: &Wave, step: &Step, decisions: &mut Decisions) -> String {
     format!("m4gn: time {}: start-up: {figures}{kept}{done}\n\n", step.name)
 }
 
-fn as_data(report: &FitReport, rules: &FitRules) -> Value {
+fn as_data(report: &FitReport, rules: &DmdSettings) -> Value {
     let fields: Map<String, Value> = report.errors.iter().map(|(name, e)| (name.clone(), json!(e))).collect();
     json!({
         "states": report.snapshots, "delays": report.delays, "rank": report.rank, "inputs": report.inputs, "growth_kept": report.unstable,

@@ -43,7 +43,7 @@ impl DmdSurrogate {
             snapshots.comm().sum_f64(&mut sums);
             let variation = self.online.fitted().map_or(0.0, |fit| fit.variation(f));
             let share = (sums[0] / variation.max(1e-12 * sums[1])).sqrt();
-            if sums[0] > 0.0 && share > self.rules.jump_tolerance {
+            if sums[0] > 0.0 && share > self.settings.jump_tolerance {
                 return Err(Error::Numerical(format!(
                     "the input {} will be other than the fit says of it: the solver goes on",
                     field.name

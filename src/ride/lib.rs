@@ -17,7 +17,6 @@ mod dmd_settings;
 #[cfg(test)]
 mod dmd_tests;
 pub mod fit_control;
-pub mod fit_rules;
 mod inputs;
 mod interval;
 mod jump;

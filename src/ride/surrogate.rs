@@ -1,7 +1,7 @@
 //! What may take the solver's place for a while: a network, a fit of the run's own states, or anything else that advances arrays of the
 //! state by strides. One file and one line of [`KINDS`](crate::registry::KINDS) add another.
 
-use crate::fit_rules::FitRules;
+use crate::dmd_settings::DmdSettings;
 use crate::schedule::Step;
 use m4gn_base::Result;
 use m4gn_dmd::Mode;
@@ -206,7 +206,7 @@ impl FitReport {
 /// ([`crate::fit_control`]).
 pub trait Fits {
     /// By what rules that is decided.
-    fn rules(&self) -> &FitRules;
+    fn rules(&self) -> &DmdSettings;
 
     /// Whether the state after this step of the solver is wanted.
     fn wants(&self, step: &Step) -> bool;
