@@ -112,28 +112,35 @@ impl Host {
         let clock = Rc::new(Cell::new(start));
         let guest = Guest { network: settings.has("network").then(|| trained(&clock, 0)), ..guest() };
         let ride = Ride::new(Comm::serial(), guest, settings, begin).unwrap();
-        let phi = flux(&u);
-        let (jumps, log, tables) = (Vec::new(), String::new(), Default::default());
-        let (delta_t, looks, worst): (fn(f64) -> f64, _, _) = (|_| DELTA_T, 0.0, 0.0);
-        let (by, solved) = (Vec::new(), 0);
         Host {
             ride,
             time: start,
             index,
             end,
+            phi: flux(&u),
             u,
-            phi,
-            jumps,
-            by,
-            solved,
-            log,
-            tables,
+            jumps: Vec::new(),
+            by: Vec::new(),
+            solved: 0,
+            log: String::new(),
+            tables: Default::default(),
             clock,
-            delta_t,
-            looks,
-            worst,
+            delta_t: |_| DELTA_T,
+            looks: 0.0,
+            worst: 0.0,
             own: None,
         }
+    }
+
+    /// One that has run from 0 s to the end with this solver.
+    fn ran(settings: &str, end: f64, broken: f64) -> Self {
+        let mut host = Host::new(settings, 0.0, 0, end, solver(0.0, broken));
+        host.run(broken, |_| false);
+        host
+    }
+
+    fn bits(&self) -> Vec<u64> {
+        self.u.iter().map(|v| v.to_bits()).collect()
     }
 
     fn now(&self) -> Step {
@@ -222,8 +229,7 @@ fn largest(a: &[f64], b: &[f64]) -> f64 {
 
 #[test]
 fn jumps_grow_while_the_fit_holds_and_end_states_are_exact() {
-    let mut host = Host::new(SETTINGS, 0.0, 0, 60.0, solver(0.0, 1e9));
-    host.run(1e9, |_| false);
+    let host = Host::ran(SETTINGS, 60.0, 1e9);
     let strides: Vec<usize> = host.jumps.iter().map(|j| j.0).collect();
     assert_eq!(strides[..4], [5, 10, 20, 40], "{}", host.log);
     // 24 states, the first at 0.2 s; one stride beside the solver.
@@ -280,8 +286,7 @@ fn a_run_without_a_jump_says_why() {
         // Noise
         (SETTINGS, 30.0, f64::NAN, "fits, the best with an error of "),
     ] {
-        let mut host = Host::new(settings, 0.0, 0, end, solver(0.0, broken));
-        host.run(broken, |_| false);
+        let mut host = Host::ran(settings, end, broken);
         host.ride.end();
         host.listen();
         assert_eq!((host.jumps.len(), host.solved), (0, (end / DELTA_T).round() as usize));
@@ -323,8 +328,7 @@ fn an_old_level_is_a_state_on_the_way() {
 
 #[test]
 fn a_fit_that_no_longer_holds_is_dropped_and_another_is_made() {
-    let mut host = Host::new(SETTINGS, 0.0, 0, 60.0, solver(0.0, 7.0));
-    host.run(7.0, |_| false);
+    let host = Host::ran(SETTINGS, 60.0, 7.0);
     assert!(host.log.contains("the fit is dropped"), "{}", host.log);
     assert!(host.jumps.len() > 3, "{:?}", host.jumps);
     let (_, dropped) = host.jumps[1];
@@ -335,27 +339,23 @@ fn a_fit_that_no_longer_holds_is_dropped_and_another_is_made() {
 #[test]
 fn a_fit_that_agrees_to_the_tolerance_alone_has_shorter_jumps() {
     let settings = SETTINGS.replace("\"initialJump\"", "\"jumpTolerance\": 10, \"initialJump\"");
-    let mut host = Host::new(&settings, 0.0, 0, 8.5, solver(0.0, 6.5));
-    host.run(6.5, |_| false);
+    let host = Host::ran(&settings, 8.5, 6.5);
     assert!(host.log.contains("error of 1.083 of holding; the next jump may have 5 strides"), "{}", host.log);
     assert!(!host.log.contains("the fit is dropped"), "{}", host.log);
 }
 
 #[test]
 fn what_has_come_to_rest_is_jumped() {
-    let mut host = Host::new(SETTINGS, 0.0, 0, 60.0, solver(0.0, -4.0));
-    host.run(-4.0, |_| false);
+    let host = Host::ran(SETTINGS, 60.0, -4.0);
     // 24 states after 4 s
     assert!(host.jumps.len() > 3 && host.solved < 300, "{:?}\n{}", host.jumps, host.log);
     assert!(largest(&host.u, &solver(4.0, 1e9)) < 1e-12);
     // Noise below what counts as no change, and noise above it where that is given
-    let mut host = Host::new(SETTINGS, 0.0, 0, 60.0, solver(0.0, -104.0));
-    host.run(-104.0, |_| false);
+    let host = Host::ran(SETTINGS, 60.0, -104.0);
     assert!(host.jumps.len() > 3 && host.solved < 300, "{:?}\n{}", host.jumps, host.log);
     assert!(largest(&host.u, &solver(4.0, 1e9)) < 2e-6);
     let settings = SETTINGS.replace("\"initialJump\"", "\"rest\": {\"u\": 1e-9}, \"initialJump\"");
-    let mut host = Host::new(&settings, 0.0, 0, 30.0, solver(0.0, -104.0));
-    host.run(-104.0, |_| false);
+    let host = Host::ran(&settings, 30.0, -104.0);
     assert!(host.jumps.is_empty(), "{:?}\n{}", host.jumps, host.log);
     let settings = SETTINGS.replace("\"initialJump\"", "\"rest\": {\"T\": 1}, \"initialJump\"");
     let settings = RideSettings::parse(&settings).unwrap();

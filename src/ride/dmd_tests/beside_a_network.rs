@@ -40,8 +40,7 @@ const BOTH: &str = r#"{"mode": "replace", "surrogates": ["network", "dmd"], "tim
 
 #[test]
 fn a_fit_that_holds_goes_before_a_network() {
-    let mut host = Host::new(BOTH, 0.0, 0, 40.0, solver(0.0, 1e9));
-    host.run(1e9, |_| false);
+    let mut host = Host::ran(BOTH, 40.0, 1e9);
     assert!(!host.by.is_empty() && host.by.iter().all(|who| *who == 1), "{:?}\n{}", host.by, host.log);
     assert!(host.log.contains(": the dmd surrogate jumps"), "{}", host.log);
     assert!(largest(&host.u, &solver(host.time, 1e9)) < 1e-5);
@@ -52,8 +51,7 @@ fn a_fit_that_holds_goes_before_a_network() {
 #[test]
 fn a_network_jumps_before_there_is_a_fit_and_leaves_the_solver_time_for_one() {
     let settings = BOTH.replace("\"timeStart\": 6", "\"timeStart\": 0.5");
-    let mut host = Host::new(&settings, 0.0, 0, 60.0, solver(0.0, 1e9));
-    host.run(1e9, |_| false);
+    let host = Host::ran(&settings, 60.0, 1e9);
     let first =
         host.by.iter().position(|who| *who == 1).unwrap_or_else(|| panic!("{:?}\n{}", host.by, host.log));
     assert!(first > 2 && host.by[..first].iter().all(|who| *who == 0), "{:?}", host.by);
@@ -92,9 +90,7 @@ fn surrogates_without_a_field_in_common_are_refused() {
     let guest = Guest {
         layout: Arc::new(Layout::new(arrays).unwrap()),
         network: Some(trained(&Rc::default(), 1)),
-        ahead: None,
-        global: (0..CELLS as i64).collect(),
-        owners: Vec::new(),
+        ..guest()
     };
     let made = Ride::new(Comm::serial(), guest, settings, step(0.0, 0, 9.0));
     let message = made.err().map(|e| e.to_string()).unwrap_or_default();
@@ -105,8 +101,7 @@ fn surrogates_without_a_field_in_common_are_refused() {
 fn an_observer_compares_rollouts_of_the_fit_and_leaves_the_run_alone() {
     let settings = r#"{"mode": "observe", "surrogates": ["network", "dmd"], "rolloutSteps": 60,
         "dmd": {"snapshotInterval": 0.2, "minSnapshots": 24}}"#;
-    let mut host = Host::new(settings, 0.0, 0, 30.0, solver(0.0, 20.0));
-    host.run(20.0, |_| false);
+    let mut host = Host::ran(settings, 30.0, 20.0);
     assert_eq!((host.jumps.len(), host.solved), (0, 600));
     let rows = host.tables[1].lines().filter(|l| !l.starts_with('#'));
     let rows: Vec<Vec<String>> = rows.map(|l| l.split('\t').map(String::from).collect()).collect();

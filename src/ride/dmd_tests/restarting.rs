@@ -40,10 +40,6 @@ fn carried_on(folder: &Path, from: &Host, settings: &str, conditions: &str) -> (
     (host, answer)
 }
 
-fn bits(host: &Host) -> Vec<u64> {
-    host.u.iter().map(|v| v.to_bits()).collect()
-}
-
 #[test]
 fn a_run_that_is_carried_on_in_a_jump_and_beside_the_solver_has_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
@@ -81,7 +77,7 @@ fn a_run_that_is_carried_on_in_a_jump_and_beside_the_solver_has_the_same_bits() 
         let stopped = second.go_on(&answer, &|_| false);
         assert!(!stopped);
         second.run(broken, |_| false);
-        assert_eq!(bits(&whole), bits(&second), "{at}: {:?} {:?}", whole.jumps, second.jumps);
+        assert_eq!(whole.bits(), second.bits(), "{at}: {:?} {:?}", whole.jumps, second.jumps);
         assert_eq!(whole.jumps.last(), second.jumps.last());
         let [whole, parts] = ["whole", "parts"].map(|name| decided(&folder.path().join(name)));
         assert_eq!(whole, parts, "{at}");
@@ -126,15 +122,14 @@ fn what_was_fitted_under_other_conditions_is_dropped_and_what_has_changed_is_nam
 #[test]
 fn the_rest_of_a_jump_is_taken_though_the_solver_has_made_a_field_anew() {
     let folder = tempfile::tempdir().unwrap();
-    let mut whole = Host::new(&keeping(folder.path()), 0.0, 0, 25.0, solver(0.0, 1e9));
-    whole.run(1e9, |_| false);
+    let whole = Host::ran(&keeping(folder.path()), 25.0, 1e9);
     let mut first = stopped(folder.path(), TIMES[1], "{}");
     first.u.iter_mut().for_each(|v| *v += 0.5);
     let (mut second, answer) = carried_on(folder.path(), &first, &keeping(folder.path()), "{}");
     assert_eq!(answer.action, Action::Stride);
     second.go_on(&answer, &|_| false);
     second.run(1e9, |_| false);
-    assert_eq!(bits(&whole), bits(&second));
+    assert_eq!(whole.bits(), second.bits());
     assert_eq!(whole.jumps.last(), second.jumps.last());
 }
 

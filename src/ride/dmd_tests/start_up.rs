@@ -140,7 +140,6 @@ fn a_run_that_is_carried_on_cuts_at_the_same_times() {
             _ => drop(next.go_on(&answer, &|_| false)),
         }
         next.run(0.0, |_| false);
-        let bits = |u: &[f64]| u.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-        assert_eq!(bits(&next.u), bits(&whole.u), "{at} {:?} {:?}\n{}", next.jumps, whole.jumps, next.log);
+        assert_eq!(next.bits(), whole.bits(), "{at} {:?} {:?}\n{}", next.jumps, whole.jumps, next.log);
     }
 }

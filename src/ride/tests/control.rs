@@ -14,8 +14,7 @@ fn jumps_are_as_long_as_the_measured_error_allows() {
     // of its components, or their change, at 1 s, where the first stride that began after 0 s ends.
     let toy = || Toy::new(0.5).biased(0.01);
     let tolerance = 0.06;
-    let mut host = Host::of(&settings(r#""tolerance": 0.06"#), toy(), 6.0);
-    host.run().unwrap();
+    let mut host = Host::ran(&settings(r#""tolerance": 0.06"#), toy(), 6.0);
     let (begin, end) = (toy::solver(0.5), toy::solver(1.0));
     let change = toy::rms_of(&[end[0] - begin[0], end[1] - begin[1]]);
     let variation = change.max((end[0] - end[1]).abs() / 2.0);
@@ -41,8 +40,7 @@ fn jumps_are_as_long_as_the_measured_error_allows() {
 fn growth_that_is_known_is_heeded() {
     // 0.02 times 1, 3 and 9.
     let toy = Toy::new(0.5).biased(0.01).growing(&[1.0, 3.0, 9.0]);
-    let mut host = Host::of(&settings(r#""tolerance": 0.1"#), toy, 4.0);
-    host.run().unwrap();
+    let host = Host::ran(&settings(r#""tolerance": 0.1"#), toy, 4.0);
     assert_eq!(host.events[1], Jumped(0, 2));
     assert!(!host.log.contains("does not say how"), "{}", host.log);
 }
@@ -50,8 +48,7 @@ fn growth_that_is_known_is_heeded() {
 #[test]
 fn a_bad_surrogate_leaves_the_run_to_the_solver_and_each_refusal_is_said() {
     let toy = Toy::new(0.5).biased(0.5);
-    let mut host = Host::of(&settings(r#""tolerance": 0.02"#), toy, 6.0);
-    host.run().unwrap();
+    let mut host = Host::ran(&settings(r#""tolerance": 0.02"#), toy, 6.0);
     assert_eq!(host.events, [Solved(60)]);
     assert_eq!(host.state, (0..60).fold(toy::solver(0.0), |s, _| toy::later(s, 0.1)), "to the bit");
     let refused = host.log.matches("m4gn: no jump at time").count();
@@ -64,8 +61,7 @@ fn a_bad_surrogate_leaves_the_run_to_the_solver_and_each_refusal_is_said() {
 fn it_may_jump_again_where_it_becomes_good() {
     // Off by a half from states whose second component is above 1.2, good below.
     let toy = Toy::new(0.5).jumping(1.2, 0.5);
-    let mut host = Host::of(&settings(r#""tolerance": 0.02"#), toy, 12.0);
-    host.run().unwrap();
+    let host = Host::ran(&settings(r#""tolerance": 0.02"#), toy, 12.0);
     assert!(host.log.contains("no jump at time") && host.log.contains("may jump again"), "{}", host.log);
     assert!(host.events.iter().any(|e| matches!(e, Jumped(..))));
 }
@@ -73,8 +69,7 @@ fn it_may_jump_again_where_it_becomes_good() {
 #[test]
 fn rel_tol_is_named_where_it_refuses() {
     let toy = Toy::new(0.5).biased(0.001);
-    let mut host = Host::of(&settings(r#""tolerance": 0.5, "relTol": 1e-6"#), toy, 3.0);
-    host.run().unwrap();
+    let host = Host::ran(&settings(r#""tolerance": 0.5, "relTol": 1e-6"#), toy, 3.0);
     assert_eq!(host.events, [Solved(30)]);
     assert!(host.log.contains("more than relTol of what the solver changed"), "{}", host.log);
 }
@@ -105,8 +100,7 @@ fn the_run_stops_where_the_one_of_two_that_may_jump_stays_bad() {
 fn a_stride_of_a_jump_that_changes_too_much_is_not_used() {
     // Good where it is measured; after one stride of the jump, at a state further on, it changes the field by 50.
     let toy = Toy::new(0.5).jumping(1.35, 50.0);
-    let mut host = Host::of(&settings(r#""tolerance": 0.5"#), toy, 2.6);
-    host.run().unwrap();
+    let mut host = Host::ran(&settings(r#""tolerance": 0.5"#), toy, 2.6);
     let jumped = host.events.iter().find(|e| matches!(e, Jumped(..)));
     assert_eq!(jumped, Some(&Jumped(0, 1)), "{:?}", host.events);
     assert!(host.ride.end().contains("\"jumps_ended_early\": 1,"));
@@ -116,8 +110,7 @@ fn a_stride_of_a_jump_that_changes_too_much_is_not_used() {
 #[test]
 fn a_stride_that_is_not_finite_beside_the_solver_allows_nothing() {
     let toy = Toy::new(0.5).broken_above(f64::NEG_INFINITY);
-    let mut host = Host::of(&settings(r#""tolerance": 0.5"#), toy, 3.0);
-    host.run().unwrap();
+    let host = Host::ran(&settings(r#""tolerance": 0.5"#), toy, 3.0);
     assert_eq!(host.events, [Solved(30)]);
     assert!(host.log.contains("had an error of inf"), "{}", host.log);
     assert!(host.warnings[0].contains("not finite"));
@@ -137,8 +130,7 @@ fn a_surrogate_of_another_file_is_registered_by_one_line() {
 fn without_a_stride_that_was_measured_there_is_no_jump() {
     // The solver's two steps between jumps are less than a stride: it goes on to the end of one.
     let settings = r#"{"mode": "replace", "solverSteps": 2, "surrogateSteps": 2, "timeStart": 1, "control": {"tolerance": 9}}"#;
-    let mut host = Host::of(settings, Toy::new(0.5), 5.0);
-    host.run().unwrap();
+    let host = Host::ran(settings, Toy::new(0.5), 5.0);
     assert_eq!(host.events[..3], [Solved(10), Jumped(0, 2), Solved(5)]);
 }
 

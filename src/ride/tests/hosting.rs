@@ -94,6 +94,13 @@ impl Host {
         Host::new(ride(settings, Some(toy)).unwrap(), end)
     }
 
+    /// One that has run to its end.
+    pub fn ran(settings: &str, toy: Toy, end: f64) -> Self {
+        let mut host = Host::of(settings, toy, end);
+        host.run().unwrap();
+        host
+    }
+
     pub fn step(&self) -> Step {
         Step { correctors: None, ..at(self.time, DT, self.end, self.index) }
     }

@@ -12,8 +12,7 @@ fn errors_are_those_on_paper_and_the_run_is_the_solvers() {
     let toy = Toy::new(0.5).biased(0.01);
     let boundary = toy.boundary.clone();
     let settings = r#"{"mode": "observe", "rolloutSteps": 3, "timeStart": 1, "writeErrors": true, "writePrecision": 17}"#;
-    let mut host = Host::of(settings, toy, 4.0);
-    host.run().unwrap();
+    let mut host = Host::ran(settings, toy, 4.0);
     assert_eq!(host.events, [Solved(40)]);
     assert_eq!(host.state, (0..40).fold(toy::solver(0.0), |s, _| toy::later(s, 0.1)), "to the bit");
     let rows = columns(&host.tables[2]);
@@ -54,8 +53,7 @@ fn errors_are_those_on_paper_and_the_run_is_the_solvers() {
 fn a_rollouts_boundary_follows_its_own_cells_where_it_is_not_held() {
     let toy = Toy::new(0.5).biased(0.01);
     let boundary = toy.boundary.clone();
-    let mut host = Host::of(r#"{"mode": "observe", "rolloutSteps": 9, "timeStart": 1}"#, toy, 2.0);
-    host.run().unwrap();
+    Host::ran(r#"{"mode": "observe", "rolloutSteps": 9, "timeStart": 1}"#, toy, 2.0);
     // The last step was the third of the rollout: from the second, which is not the solver's.
     let biased = |s: [f64; 2]| toy::later(s, 0.5).map(|v| v + 0.01);
     let second = biased(biased(toy::solver(1.0)));
@@ -66,8 +64,7 @@ fn a_rollouts_boundary_follows_its_own_cells_where_it_is_not_held() {
 #[test]
 fn control_tells_what_it_would_have_done() {
     let settings = r#"{"mode": "observe", "rolloutSteps": 4, "timeStart": 1, "control": {"tolerance": 0.02, "onFailure": "stop", "patience": 1}}"#;
-    let mut host = Host::of(settings, Toy::new(0.5).biased(0.01), 8.0);
-    host.run().unwrap();
+    let mut host = Host::ran(settings, Toy::new(0.5).biased(0.01), 8.0);
     let rows = columns(&host.tables[2]);
     // The first stride only measures; then error and estimate are the last columns.
     assert_eq!((rows[0][0], rows[0].len()), (2.0, 9));
@@ -82,8 +79,7 @@ fn control_tells_what_it_would_have_done() {
     let log = host.ride.take(Text::Log);
     assert!(log.contains("control would have let") && log.contains("within the tolerance 0.02"), "{log}");
     // An observer ends no run, however bad the surrogate, and says how often it would not have let go.
-    let mut host = Host::of(settings, Toy::new(0.5).biased(0.5), 8.0);
-    host.run().unwrap();
+    let mut host = Host::ran(settings, Toy::new(0.5).biased(0.5), 8.0);
     host.ride.end();
     let log = host.ride.take(Text::Log);
     assert!(log.contains("would have let 0 rollouts go"), "{log}");
@@ -92,12 +88,11 @@ fn control_tells_what_it_would_have_done() {
 #[test]
 fn a_rollout_that_is_not_finite_begins_anew() {
     // Not finite from states whose first component is above 1.5: at 1 s the solver's is 1.45.
-    let mut host = Host::of(
+    let host = Host::ran(
         r#"{"mode": "observe", "rolloutSteps": 50, "timeStart": 1, "writeErrors": true}"#,
         Toy::new(0.5).biased(-0.4).broken_above(1.2),
         12.0,
     );
-    host.run().unwrap();
     let rows = columns(&host.tables[2]);
     assert!(rows.iter().any(|r| r[4] == 1e15), "{rows:?}");
     assert!(rows.iter().filter(|r| r[1] == 1.0).count() > 1, "it began anew: {rows:?}");
@@ -107,8 +102,7 @@ fn a_rollout_that_is_not_finite_begins_anew() {
 
 #[test]
 fn a_run_that_is_shorter_than_a_stride_says_so() {
-    let mut host = Host::of(r#"{"mode": "observe"}"#, Toy::new(0.5), 0.3);
-    host.run().unwrap();
+    let mut host = Host::ran(r#"{"mode": "observe"}"#, Toy::new(0.5), 0.3);
     host.ride.end();
     assert!(host.ride.take(Text::Log).contains("came to no end of a stride"));
     assert!(ride(r#"{"mode": "observe"}"#, Some(Toy::new(0.5))).unwrap().end().is_empty());
@@ -116,8 +110,7 @@ fn a_run_that_is_shorter_than_a_stride_says_so() {
 
 #[test]
 fn the_observer_ends_at_its_time_and_tells() {
-    let mut host = Host::of(r#"{"mode": "observe", "timeEnd": 1.1}"#, Toy::new(0.5), 4.0);
-    host.run().unwrap();
+    let mut host = Host::ran(r#"{"mode": "observe", "timeEnd": 1.1}"#, Toy::new(0.5), 4.0);
     host.ride.end();
     assert!(host.ride.take(Text::Log).contains("at 2 times"), "{}", host.tables[2]);
 }

@@ -7,8 +7,7 @@ const FIVE_TWO: &str = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps"
 
 #[test]
 fn solver_and_surrogate_take_turns_and_the_solver_ends_the_run() {
-    let mut host = Host::of(FIVE_TWO, Toy::new(0.5), 5.0);
-    host.run().unwrap();
+    let mut host = Host::ran(FIVE_TWO, Toy::new(0.5), 5.0);
     // The first jump begins at 1 s; the last one has no room for a second stride that leaves the solver a step.
     let expected = [Solved(10), Jumped(0, 2), Solved(5), Jumped(0, 2), Solved(5), Jumped(0, 1), Solved(5)];
     assert_eq!(host.events, expected);
@@ -41,8 +40,7 @@ fn solver_and_surrogate_take_turns_and_the_solver_ends_the_run() {
 #[test]
 fn the_schedule_ends_at_its_time_and_has_a_summary() {
     let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 9, "timeEnd": 2}"#;
-    let mut host = Host::of(settings, Toy::new(0.5), 4.0);
-    host.run().unwrap();
+    let mut host = Host::ran(settings, Toy::new(0.5), 4.0);
     assert_eq!(host.events, [Solved(5), Jumped(0, 3), Solved(20)]);
     let summary = host.ride.end();
     // Of the 1.9 s from its first step on.
@@ -119,15 +117,13 @@ fn host_error(settings: &str) -> String {
 
 #[test]
 fn before_its_start_there_is_no_summary() {
-    let mut host = Host::of(FIVE_TWO, Toy::new(0.5), 0.5);
-    host.run().unwrap();
+    let mut host = Host::ran(FIVE_TWO, Toy::new(0.5), 0.5);
     assert_eq!((host.events.clone(), host.ride.end()), (vec![Solved(5)], String::new()));
 }
 
 #[test]
 fn without_room_for_a_stride_there_is_no_jump() {
-    let mut host = Host::of(FIVE_TWO, Toy::new(0.5), 1.5);
-    host.run().unwrap();
+    let host = Host::ran(FIVE_TWO, Toy::new(0.5), 1.5);
     assert_eq!(host.events, [Solved(15)]);
 }
 
@@ -136,8 +132,7 @@ fn a_prediction_that_is_not_finite_ends_a_jump_or_keeps_it_from_beginning() {
     // The first component falls from 1.5 at 1 s, and rises above again at 8.9 s.
     let toy = Toy::new(0.5).broken_above(1.0);
     let settings = r#"{"mode": "replace", "solverSteps": 5, "surrogateSteps": 20}"#;
-    let mut host = Host::of(settings, toy, 9.5);
-    host.run().unwrap();
+    let mut host = Host::ran(settings, toy, 9.5);
     let begin = (1..).find(|n| toy::solver(f64::from(*n) * 0.1)[0] <= 1.0).unwrap() as usize;
     assert_eq!(host.events[0], Solved(begin), "refused until then: {:?}", host.events);
     let Jumped(0, strides) = host.events[1] else { panic!("{:?}", host.events) };

@@ -57,8 +57,7 @@ fn a_run_that_was_stopped_in_a_jump_goes_on_with_the_rest_of_it() {
     let settings =
         r#"{"mode": "replace", "name": "test", "solverSteps": 5, "surrogateSteps": 6, "timeStart": 1}"#;
     let toys = || Toy::new(0.5).biased(0.01);
-    let mut whole = Host::of(settings, toys(), 9.0);
-    whole.run().unwrap();
+    let mut whole = Host::ran(settings, toys(), 9.0);
     let folder = tempfile::tempdir().unwrap();
     let mut stopped = Host::of(settings, toys(), 9.0);
     (stopped.folder, stopped.stop_after) = (Some(folder.path().into()), 1.9);
