@@ -70,12 +70,26 @@ impl Window {
         let square = |i: usize, j: usize| self.row(i)[i] - 2.0 * self.row(i)[j] + self.row(j)[j];
         (1..self.m).all(|i| square(i, 0) <= 0.0)
     }
+}
 
-    /// Places of delayed states that have a successor.
-    fn starts(&self, delays: usize) -> Vec<usize> {
-        let follows = |i: &usize| self.numbers[i + delays] - self.numbers[*i] == delays as i64;
-        (0..self.m.saturating_sub(delays)).filter(follows).collect()
+/// Places of delayed states that have a successor, of snapshots with these sample numbers.
+pub(crate) fn starts(numbers: &[i64], delays: usize) -> Vec<usize> {
+    let follows = |i: &usize| numbers[i + delays] - numbers[*i] == delays as i64;
+    (0..numbers.len().saturating_sub(delays)).filter(follows).collect()
+}
+
+/// Eigenvectors of a symmetric matrix whose values are above a part of the largest, and these values: largest first, `most` at most.
+pub(crate) fn directions(of: &Mat<f64>, part: f64, most: usize) -> Option<(Mat<f64>, Vec<f64>)> {
+    let n = of.nrows();
+    let eigen = of.self_adjoint_eigen(Side::Lower).ok()?;
+    let (values, vectors) = (eigen.S().column_vector(), eigen.U());
+    let largest = values[n - 1];
+    if largest.is_nan() || largest <= 0.0 {
+        return None;
     }
+    let count = (0..n).filter(|&i| values[i] > part * largest).count().min(most);
+    let columns = Mat::from_fn(n, count, |i, k| vectors[(i, n - 1 - k)]);
+    Some((columns, (0..count).map(|k| values[n - 1 - k]).collect()))
 }
 
 /// The delayed states of a window, decomposed once for all ranks of a fit.
@@ -99,7 +113,7 @@ const TREND: f64 = 1e-6;
 impl Delayed {
     /// None where the window has too few delayed states, or does not vary.
     pub fn new(window: &Window, delays: usize, most: usize) -> Option<Self> {
-        let (m, starts) = (window.m, window.starts(delays));
+        let (m, starts) = (window.m, starts(&window.numbers, delays));
         if starts.len() < 2 || delays == 0 {
             return None;
         }
@@ -110,18 +124,11 @@ impl Delayed {
         let n = starts.len();
         let own = Mat::from_fn(n, n, |a, b| sum(starts[a.max(b)], starts[a.min(b)]));
         let next = Mat::from_fn(n, n, |a, b| sum(starts[a], starts[b] + 1));
-        let eigen = own.self_adjoint_eigen(Side::Lower).ok()?;
-        let (values, vectors) = (eigen.S().column_vector(), eigen.U());
-        let largest = values[n - 1];
-        if largest.is_nan() || largest <= 0.0 {
+        let (vectors, values) = directions(&own, ROUNDING * ROUNDING, most)?;
+        if values.is_empty() {
             return None;
         }
-        let above = (0..n).filter(|&i| values[i] > ROUNDING * ROUNDING * largest);
-        let r = above.count().min(most).min(n);
-        if r == 0 {
-            return None;
-        }
-        let lift = Mat::from_fn(n, r, |i, k| vectors[(i, n - 1 - k)] / values[n - 1 - k].sqrt());
+        let lift = Mat::from_fn(n, values.len(), |i, k| vectors[(i, k)] / values[k].sqrt());
         let operator = lift.transpose() * &next * &lift;
         Some(Delayed { delays, m, starts, lift, operator, means, mean })
     }

@@ -6,8 +6,8 @@
 //! inputs, and `P S^2 P^T` the inner products of the rests. The first part makes the inputs of a prediction those that are prescribed. The rest
 //! follows by least squares: `z_k+1 = W (z_k, ..., z_k-q+1, v_k+1, ..., v_k-q+1, 1, (v_k+1 + v_k)/2 (z_k, v_k, v_k+1))`.
 
-use crate::dmd::Window;
-use faer::{Mat, Side};
+use crate::dmd::{Window, directions, starts};
+use faer::Mat;
 use serde::{Deserialize, Serialize};
 
 /// Inputs that are told apart at most: more would leave too few states for each.
@@ -80,25 +80,11 @@ impl Centre {
     }
 }
 
-/// Eigenvectors of a symmetric matrix whose values are above a part of the largest, and these values: largest first, `most` at most.
-fn leading(of: &Mat<f64>, part: f64, most: usize) -> Option<(Mat<f64>, Vec<f64>)> {
-    let n = of.nrows();
-    let eigen = of.self_adjoint_eigen(Side::Lower).ok()?;
-    let (values, vectors) = (eigen.S().column_vector(), eigen.U());
-    let largest = values[n - 1];
-    if largest.is_nan() || largest <= 0.0 {
-        return None;
-    }
-    let count = (0..n).filter(|&i| values[i] > part * largest).count().min(most);
-    let columns = Mat::from_fn(n, count, |i, k| vectors[(i, n - 1 - k)]);
-    Some((columns, (0..count).map(|k| values[n - 1 - k]).collect()))
-}
-
 impl Split {
     /// `inputs`: the products of what is prescribed alone. None where that does not vary, or all else does not.
     pub fn new(window: &Window, inputs: &Window, most: usize) -> Option<Self> {
         let (centre, input_centre) = (Centre::new(window), Centre::new(inputs));
-        let (own, squares) = leading(&input_centre.all(inputs), SMALL * SMALL, INPUTS + 1)?;
+        let (own, squares) = directions(&input_centre.all(inputs), SMALL * SMALL, INPUTS + 1)?;
         if squares.len() > INPUTS {
             return None;
         }
@@ -107,7 +93,7 @@ impl Split {
         // What is left of each state: (1 - E E^T) C (1 - E E^T)
         let once = &all - &answers * own.transpose();
         let left = &once - &own * (own.transpose() * &once);
-        let (rests, values) = leading(&left, ROUNDING * ROUNDING, most)?;
+        let (rests, values) = directions(&left, ROUNDING * ROUNDING, most)?;
         let cross = rests.transpose() * &answers;
         let sizes = values.iter().map(|v| v.sqrt()).collect();
         let numbers = window.numbers().to_vec();
@@ -151,8 +137,7 @@ impl Split {
         let inputs: Vec<Vec<f64>> =
             (0..m).map(|i| (0..k).map(|l| scale * self.inputs[(i, l)]).collect()).collect();
         // States that follow each other: the solver's stretches between jumps.
-        let starts: Vec<usize> =
-            (0..m.saturating_sub(q)).filter(|i| self.numbers[i + q] - self.numbers[*i] == q as i64).collect();
+        let starts = starts(&self.numbers, q);
         let n = starts.len();
         if n < 2 || r == 0 {
             return None;
@@ -162,7 +147,7 @@ impl Split {
         // W = B V S^-2 V^T A^T, of A^T A = V S^2 V^T
         let a = Mat::from_fn(features[0].len(), n, |f, i| features[i][f]);
         let b = Mat::from_fn(r, n, |j, i| rests[starts[i] + q][j]);
-        let (vectors, values) = leading(&(a.transpose() * &a), CUT * CUT, n)?;
+        let (vectors, values) = directions(&(a.transpose() * &a), CUT * CUT, n)?;
         let inverse = Mat::from_fn(n, values.len(), |i, s| vectors[(i, s)] / values[s]);
         let weights = (&b * &inverse) * (vectors.transpose() * a.transpose());
         driven.weights = flat(&weights, weights.ncols());

@@ -1,7 +1,7 @@
 //! Systems with inputs that are known on paper.
 
-use crate::{FitSettings, OnlineDmd, Settings, Storage};
-use m4gn_parallel::Comm;
+use crate::tests::{field, largest, online};
+use crate::{FitSettings, OnlineDmd};
 use m4gn_state::{Array, Role};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -58,9 +58,7 @@ impl System {
     fn seen(&self, states: usize, window: usize) -> OnlineDmd {
         let inlet = Array { role: Role::Prescribed, ..Array::carried("inlet", 3) };
         let fields = vec![Array::solved("U", 1, vec![1.0; N]), Array::carried("phi", N), inlet];
-        let fit = FitSettings { window, ..FitSettings::default() };
-        let settings = Settings { interval: 0.5, storage: Storage::Double, fit, held: 0, rest: Vec::new() };
-        let mut online = OnlineDmd::new(&Comm::serial(), fields, settings).unwrap();
+        let mut online = online(fields, FitSettings { window, ..FitSettings::default() });
         self.feed(&mut online, 0..states);
         online
     }
@@ -89,16 +87,11 @@ fn tell(online: &mut OnlineDmd, present: usize, strides: f64) -> usize {
 
 fn predicted(online: &OnlineDmd, strides: f64) -> [Vec<f64>; 3] {
     let state = online.predict(strides).unwrap();
-    [0, 1, 2].map(|f| {
-        let mut out = vec![0.0; online.snapshots().fields()[f].numbers()];
-        online.field(f, &state, &mut out);
-        out
-    })
+    [0, 1, 2].map(|f| field(online, f, &state))
 }
 
 fn off(a: &[Vec<f64>; 3], b: &[Vec<f64>; 3]) -> f64 {
-    let pairs = a.iter().zip(b).flat_map(|(a, b)| a.iter().zip(b));
-    pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    a.iter().zip(b).map(|(a, b)| largest(a, b)).fold(0.0, f64::max)
 }
 
 #[test]
@@ -118,15 +111,11 @@ fn a_linear_system_with_an_input_is_recovered_and_no_fit_without_inputs_foretell
     }
     // The plain one, of states whose input is no part of them
     let fields = vec![Array::solved("U", 1, vec![1.0; N])];
-    let fit = FitSettings { window: 60, ..FitSettings::default() };
-    let settings = Settings { interval: 0.5, storage: Storage::Double, fit, held: 0, rest: Vec::new() };
-    let mut plain = OnlineDmd::new(&Comm::serial(), fields, settings).unwrap();
+    let mut plain = crate::tests::online(fields, FitSettings { window: 60, ..FitSettings::default() });
     (0..60).for_each(|k| assert_eq!(plain.offer(0.5 * k as f64, 0.5, &[&system.at(k)[0]]).unwrap(), 1));
     plain.fit().unwrap();
-    let state = plain.predict(200.0).unwrap();
-    let mut out = vec![0.0; N];
-    plain.field(0, &state, &mut out);
-    let error = out.iter().zip(&system.at(259)[0]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let foretold = field(&plain, 0, &plain.predict(200.0).unwrap());
+    let error = largest(&foretold, &system.at(259)[0]);
     assert!(error > 1e-3, "{error:e}");
 }
 
@@ -172,15 +161,13 @@ fn jumps_follow_each_other_and_states_between_samples_are_interpolated() {
     let exact = inlet(signal(110.25));
     assert!(own.iter().zip(&exact).all(|(a, b)| (a - b).abs() < 1e-9), "{own:?} {exact:?}");
     let [before, _, _] = predicted(&online, 29.999);
-    let error = before.iter().zip(&system.at(110)[0]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let error = largest(&before, &system.at(110)[0]);
     assert!(error > 0.0 && error < 5e-3, "{error:e}");
     // Outlooks stay those of their sample.
     let outlook = online.outlook().unwrap();
     system.feed(&mut online, 81..82);
-    let state = online.later(&outlook, 1.0).unwrap();
-    let mut out = vec![0.0; N];
-    online.field(0, &state, &mut out);
-    assert!(out.iter().zip(&system.at(81)[0]).all(|(a, b)| (a - b).abs() < 1e-5));
+    let foretold = field(&online, 0, &online.later(&outlook, 1.0).unwrap());
+    assert!(foretold.iter().zip(&system.at(81)[0]).all(|(a, b)| (a - b).abs() < 1e-5));
 }
 
 #[test]

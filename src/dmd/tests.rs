@@ -1,6 +1,6 @@
 //! What is known on paper: sums of damped waves, trends, constants, and what is no fit.
 
-use crate::{FitSettings, OnlineDmd, Settings, Storage, relative};
+use crate::{Combination, FitSettings, OnlineDmd, Settings, Storage, Window, relative};
 use m4gn_parallel::Comm;
 use m4gn_state::Array;
 use rand::{RngExt, SeedableRng};
@@ -47,10 +47,22 @@ fn settings(fit: FitSettings) -> Settings {
     Settings { interval: 0.5, storage: Storage::Double, fit, held: 0, rest: Vec::new() }
 }
 
+/// Of these fields, half a second between their states.
+pub(crate) fn online(fields: Vec<Array>, fit: FitSettings) -> OnlineDmd {
+    OnlineDmd::new(&Comm::serial(), fields, settings(fit)).unwrap()
+}
+
 fn two(storage: Storage) -> OnlineDmd {
     let volumes = (0..N).map(|i| 1.0 + (i % 3) as f64).collect();
     let fields = vec![Array::solved("U", 1, volumes), Array::carried("phi", N + 1)];
     OnlineDmd::new(&Comm::serial(), fields, Settings { storage, ..settings(fit()) }).unwrap()
+}
+
+/// One that has seen the first states of waves.
+fn seen(waves: &Waves, states: usize) -> OnlineDmd {
+    let mut linear = two(Storage::Double);
+    feed(&mut linear, 0..states, |k| waves.at(k));
+    linear
 }
 
 /// `phi` is a linear function of U: differences, and a last value that never changes.
@@ -69,14 +81,24 @@ fn feed(linear: &mut OnlineDmd, range: std::ops::Range<usize>, state: impl Fn(f6
 
 fn predicted(linear: &OnlineDmd, strides: f64) -> [Vec<f64>; 2] {
     let state = linear.predict(strides).unwrap();
-    [0, 1].map(|f| {
-        let mut out = vec![0.0; linear.snapshots().fields()[f].numbers()];
-        linear.field(f, &state, &mut out);
-        out
-    })
+    [0, 1].map(|f| field(linear, f, &state))
 }
 
-fn largest(a: &[f64], b: &[f64]) -> f64 {
+/// A field of a combination of states.
+pub(crate) fn field(linear: &OnlineDmd, field: usize, of: &Combination) -> Vec<f64> {
+    let mut values = vec![0.0; linear.snapshots().fields()[field].numbers()];
+    linear.field(field, of, &mut values);
+    values
+}
+
+/// The products of states that follow each other.
+pub(crate) fn window_of(states: &[Vec<f64>]) -> Window {
+    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+    let products = states.iter().flat_map(|a| states.iter().map(move |b| product(a, b))).collect();
+    Window::new((0..states.len() as i64).collect(), products)
+}
+
+pub(crate) fn largest(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
@@ -122,7 +144,7 @@ fn what_stays_as_it_is_but_for_rounding_has_no_error() {
     let waves = Waves::new(&[(1.0, 0.5)]);
     let inlet = Array { role: m4gn_state::Role::Prescribed, ..Array::solved("inlet", 1, vec![1.0; 3]) };
     let fields = vec![Array::solved("U", 1, vec![1.0; N]), inlet];
-    let mut linear = OnlineDmd::new(&Comm::serial(), fields, settings(fit())).unwrap();
+    let mut linear = online(fields, fit());
     for k in 0..40 {
         let value = 0.2 * (1.0 + f64::EPSILON * f64::from(k % 3));
         linear.offer(0.5 * f64::from(k), 0.5, &[&waves.at(f64::from(k)), &[value; 3]]).unwrap();
@@ -152,8 +174,7 @@ fn states_that_are_all_the_same_are_held_where_something_has_changed_before() {
 #[test]
 fn far_states_of_waves_are_predicted_in_one_go_and_conserve_what_is_linear() {
     let waves = Waves::new(&[(0.9995, 0.6), (1.0, 1.3)]);
-    let mut linear = two(Storage::Double);
-    feed(&mut linear, 0..40, |k| waves.at(k));
+    let mut linear = seen(&waves, 40);
     let fit = linear.fit().unwrap();
     assert!(fit.tail_error() < 1e-6, "{}", fit.tail_error());
     for strides in [0.5, 1.0, 7.0, 400.0] {
@@ -168,8 +189,7 @@ fn far_states_of_waves_are_predicted_in_one_go_and_conserve_what_is_linear() {
 #[test]
 fn a_jump_and_the_solver_after_it_are_the_history_of_the_next() {
     let waves = Waves::new(&[(1.0, 0.6), (1.0, 1.3)]);
-    let mut linear = two(Storage::Double);
-    feed(&mut linear, 0..30, |k| waves.at(k));
+    let mut linear = seen(&waves, 30);
     linear.fit().unwrap();
     assert!(linear.jump(20.0, 24.5, 0.5));
     let expected = linear.predict(1.0).unwrap();
@@ -189,8 +209,7 @@ fn a_jump_and_the_solver_after_it_are_the_history_of_the_next() {
 #[test]
 fn a_jump_may_end_between_samples_and_the_solver_goes_on_from_there() {
     let waves = Waves::new(&[(1.0, 0.6), (1.0, 1.3)]);
-    let mut linear = two(Storage::Double);
-    feed(&mut linear, 0..30, |k| waves.at(k));
+    let mut linear = seen(&waves, 30);
     linear.fit().unwrap();
     // The next sample, at 25 s, lies inside of the solver's first step of 0.02 s.
     assert!(linear.jump(20.97, 24.985, 0.02));
@@ -207,8 +226,7 @@ fn a_jump_may_end_between_samples_and_the_solver_goes_on_from_there() {
 #[test]
 fn samples_that_are_further_apart_begin_anew() {
     let waves = Waves::new(&[(1.0, 0.6), (1.0, 1.3)]);
-    let mut linear = two(Storage::Double);
-    feed(&mut linear, 0..30, |k| waves.at(k));
+    let mut linear = seen(&waves, 30);
     linear.fit().unwrap();
     linear.begin_anew(0.75, 15.1);
     assert!(linear.fitted().is_none() && linear.predict(1.0).is_none());
@@ -239,7 +257,7 @@ fn growth_is_kept_where_the_tail_says_so_and_clipped_where_it_is_told() {
     for (growing, expected) in [(None, 1.03), (Some(true), 1.03), (Some(false), 1.0)] {
         let fields = vec![Array { weights: Vec::new(), ..Array::solved("U", 1, vec![1.0; N]) }];
         let fit = FitSettings { unstable_modes: growing, ..fit() };
-        let mut linear = OnlineDmd::new(&Comm::serial(), fields, settings(fit)).unwrap();
+        let mut linear = online(fields, fit);
         for k in 0..30 {
             linear.offer(k as f64 * 0.5, 0.5, &[&waves.at(k as f64)]).unwrap();
         }
@@ -330,9 +348,7 @@ fn samples_between_steps_are_interpolated() {
     assert_eq!(linear.snapshots().numbers().collect::<Vec<_>>(), [0, 1, 2, 3]);
     assert_eq!(numbers.iter().sum::<usize>(), 4);
     for n in 0..4 {
-        let kept = linear.snapshots().single(n).unwrap();
-        let mut u = vec![0.0; N];
-        linear.field(0, &kept, &mut u);
+        let u = field(&linear, 0, &linear.snapshots().single(n).unwrap());
         assert!(largest(&u, &state(n as f64 * 0.5)) < 1e-12, "{n}");
     }
     let u = state(9.0);
@@ -343,7 +359,7 @@ fn samples_between_steps_are_interpolated() {
 fn what_falls_below_its_floor_has_the_least_value_of_the_window_and_nothing_else_is_raised() {
     let fields = vec![Array { floor: Some(0.0), ..Array::solved("k", 1, vec![0.5; 2]) }];
     let fit = FitSettings { unstable_modes: Some(true), ..fit() };
-    let mut linear = OnlineDmd::new(&Comm::serial(), fields, settings(fit)).unwrap();
+    let mut linear = online(fields, fit);
     let state = |k: f64| [2.0 + 1.02f64.powf(k) * (0.4 * k).cos(), 5.0 - 0.05 * k];
     let mut least = f64::INFINITY;
     for k in 0..30 {

@@ -1,6 +1,7 @@
 //! Waves whose amplitude is known in closed form.
 
 use super::*;
+use crate::tests::window_of;
 use crate::wave::{WINDOW, clear, leading};
 use std::f64::consts::TAU;
 
@@ -30,16 +31,19 @@ fn stuart_landau(first: f64, growth: f64, length: usize) -> Vec<Vec<f64>> {
     states(|k| amplitude(first, growth, k), 0..length)
 }
 
-fn window(states: &[Vec<f64>]) -> Window {
-    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
-    let products = states.iter().flat_map(|a| states.iter().map(move |b| product(a, b))).collect();
-    Window::new((0..states.len() as i64).collect(), products)
+/// Numbers that say nothing of each other, from 0 to as large as this.
+fn noise(largest: f64) -> Vec<Vec<f64>> {
+    let number = |k: usize, i: usize| {
+        largest * (43758.5453 * (12.9898 * k as f64 + 78.233 * i as f64).sin()).rem_euclid(1.0)
+    };
+    (0..60).map(|k| (0..N).map(|i| number(k, i)).collect()).collect()
 }
 
 /// The first turn of the looks that is no waiting, and the number of the last state before it.
 fn looks(settle: &mut Settle, states: &[Vec<f64>]) -> Option<(Turn, usize)> {
     let looks = (Settle::STATES..=states.len()).step_by(EVERY);
-    let mut turns = looks.map(|end| (settle.look(&window(&states[end - Settle::STATES..end])).turn, end - 1));
+    let mut turns =
+        looks.map(|end| (settle.look(&window_of(&states[end - Settle::STATES..end])).turn, end - 1));
     turns.find(|(turn, _)| *turn != Turn::Wait)
 }
 
@@ -69,10 +73,7 @@ fn what_stays_or_soon_will_is_left_alone_and_what_is_no_wave_is_waited_for() {
         let turn = looks(&mut Settle::default(), &stuart_landau(first, growth, 150)).unwrap().0;
         assert_eq!(turn, Turn::Settled, "{first} {growth}");
     }
-    let noise =
-        |k: usize, i: usize| (43758.5453 * (12.9898 * k as f64 + 78.233 * i as f64).sin()).rem_euclid(1.0);
-    let noise: Vec<Vec<f64>> = (0..60).map(|k| (0..N).map(|i| noise(k, i)).collect()).collect();
-    assert_eq!(looks(&mut Settle::default(), &noise), None);
+    assert_eq!(looks(&mut Settle::default(), &noise(1.0)), None);
     assert_eq!(looks(&mut Settle::default(), &vec![vec![1.0; N]; 60]), None);
 }
 
@@ -85,13 +86,9 @@ fn a_wave_that_dies_is_dropped_once_it_has_fallen_far_enough() {
     assert!((Settle::STATES..40).contains(&end), "{end}");
     // What is left is no wave, and less than before: the change is kept. More than before, it is not.
     for (left, kept) in [(1e-3, true), (1.5, false)] {
-        let mut settle = settle.clone();
-        let noise = |k: usize, i: usize| {
-            left * (43758.5453 * (12.9898 * k as f64 + 78.233 * i as f64).sin()).rem_euclid(1.0)
-        };
-        let noise: Vec<Vec<f64>> = (0..60).map(|k| (0..N).map(|i| noise(k, i)).collect()).collect();
+        let (mut settle, noise) = (settle.clone(), noise(left));
         let looks: Vec<Look> =
-            (22..=60).map(|end| settle.look(&window(&noise[end - Settle::STATES..end]))).collect();
+            (22..=60).map(|end| settle.look(&window_of(&noise[end - Settle::STATES..end]))).collect();
         let decided = looks.iter().position(|look| look.kept.is_some()).unwrap();
         assert_eq!((decided + 1, looks[decided].kept), (LOOKS, Some(kept)));
         assert_eq!(looks[decided].turn == Turn::Undo, !kept);
@@ -106,7 +103,7 @@ fn a_change_after_which_the_wave_grows_faster_is_undone() {
     };
     let mut settle = before(0.1, 0.05);
     assert!(settle.waits() && !settle.looks(Settle::STATES) && settle.looks(Settle::STATES + PASSES));
-    let grows = window(&stuart_landau(0.1, 0.05, Settle::STATES));
+    let grows = window_of(&stuart_landau(0.1, 0.05, Settle::STATES));
     let look = settle.look(&grows);
     assert_eq!((look.turn, look.kept), (Turn::Undo, Some(false)));
     assert!(!settle.looks(Settle::STATES) && settle.looks(Settle::STATES + PASSES), "not at once again");
@@ -121,7 +118,7 @@ fn a_change_after_which_the_wave_grows_faster_is_undone() {
 #[test]
 fn a_wave_is_raised_with_its_harmonics_and_the_state_stays_a_combination() {
     let states = stuart_landau(0.1, 0.05, WINDOW);
-    let (dmd, now, angle) = leading(&window(&states)).unwrap();
+    let (dmd, now, angle) = leading(&window_of(&states)).unwrap();
     assert!((angle - TAU / 7.3).abs() < 1e-3, "{angle}");
     let weights = dmd.weights(&dmd.raised(&now, angle, 2.0), 0.0);
     assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-9);
@@ -139,7 +136,7 @@ fn an_amplitude_and_its_growth_are_those_of_the_wave_beside_a_drift() {
     let drift = |k: usize, i: usize| 0.3 * k as f64 * (0.7 * i as f64).cos();
     let mut all = states(|k| 0.3 * (0.02 * k).exp(), 0..30);
     all.iter_mut().enumerate().for_each(|(k, x)| (0..N).for_each(|i| x[i] += drift(k, i)));
-    let found = clear(&window(&all)).unwrap();
+    let found = clear(&window_of(&all)).unwrap();
     assert!((found.growth - 0.02).abs() < 1e-3 && (found.angle / TAU * 7.3 - 1.0).abs() < 0.02, "{found:?}");
     let norm: f64 = (0..N).map(|i| (1.3 * i as f64).sin().powi(2)).sum::<f64>()
         + (0..N).map(|i| (2.6 * i as f64 + 1.0).sin().powi(2)).sum::<f64>();

@@ -1,13 +1,7 @@
 //! Eigenvalues and modes of waves that are known.
 
 use super::*;
-use crate::{Delayed, Mode, Window};
-
-fn window_of(states: &[Vec<f64>]) -> Window {
-    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
-    let products = states.iter().flat_map(|a| states.iter().map(move |b| product(a, b))).collect();
-    Window::new((0..states.len() as i64).collect(), products)
-}
+use crate::{Delayed, Mode};
 
 #[test]
 fn eigenvalues_of_damped_waves_are_known() {
@@ -35,14 +29,9 @@ fn eigenvalues_of_damped_waves_are_known() {
 #[test]
 fn what_does_not_oscillate_and_all_waves_are_the_state() {
     let waves = Waves::new(&[(0.98, 0.5), (1.0, 1.3), (0.9, 0.0)]);
-    let mut linear = two(Storage::Double);
-    feed(&mut linear, 0..40, |k| waves.at(k));
+    let mut linear = seen(&waves, 40);
     linear.fit().unwrap();
-    let field = |of: &crate::Combination| {
-        let mut values = vec![0.0; linear.snapshots().fields()[0].numbers()];
-        linear.field(0, of, &mut values);
-        values
-    };
+    let field = |of: &Combination| field(&linear, 0, of);
     for strides in [0.0, 7.5] {
         let waves: Vec<Mode> = linear.modes().into_iter().filter(|m| m.frequency > 0.0).collect();
         let mut state = field(&linear.mode(waves[0].number, strides).unwrap()[0]);
@@ -57,8 +46,7 @@ fn what_does_not_oscillate_and_all_waves_are_the_state() {
             assert!((0..turned.len()).all(|i| off(i).abs() < 1e-9), "{wave:?}");
             state.iter_mut().zip(real.iter().zip(&still)).for_each(|(s, (r, m))| *s += r - m);
         }
-        let known = field(&linear.predict(strides).unwrap());
-        let off = state.iter().zip(&known).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let off = largest(&state, &field(&linear.predict(strides).unwrap()));
         assert!(off < 1e-10, "{off:e}");
     }
     assert!(linear.mode(99, 0.0).is_none());
@@ -68,8 +56,7 @@ fn what_does_not_oscillate_and_all_waves_are_the_state() {
 fn modes_have_the_frequency_the_growth_rate_and_the_share_of_their_waves() {
     // 0.5 s a snapshot: a wave that decays, one of a third of its size that stays, and a trend that decays without a wave.
     let waves = Waves::new(&[(0.98, 0.5), (1.0, 1.3), (0.9, 0.0)]);
-    let mut linear = two(Storage::Double);
-    feed(&mut linear, 0..40, |k| waves.at(k));
+    let mut linear = seen(&waves, 40);
     linear.fit().unwrap();
     let modes = linear.modes();
     for (decay, angle) in [(0.98f64, 0.5), (1.0, 1.3), (0.9, 0.0)] {

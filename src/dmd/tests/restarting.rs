@@ -71,8 +71,7 @@ fn snapshots_that_someone_removed_are_written_anew_and_a_pipe_is_not_waited_for(
     let waves = Waves::new(&[(1.0, 0.6), (0.999, 1.3)]);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("post/states");
-    let mut linear = two(Storage::Double);
-    feed(&mut linear, 0..35, |k| waves.at(k));
+    let mut linear = seen(&waves, 35);
     linear.save(&path).unwrap();
     std::fs::remove_dir_all(path.parent().unwrap()).unwrap();
     feed(&mut linear, 35..45, |k| waves.at(k));
