@@ -111,7 +111,8 @@ impl Ride<'_> {
         Ok(Some(Jump { expected, ..self.jump_of(turn, strides, limited) }))
     }
 
-    fn jump_of(&self, surrogate: usize, strides: usize, limited: &'static str) -> Jump {
+    /// A jump of which nothing is taken, from the present state.
+    pub(crate) fn jump_of(&self, surrogate: usize, strides: usize, limited: &'static str) -> Jump {
         Jump {
             surrogate,
             strides,

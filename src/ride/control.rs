@@ -46,6 +46,16 @@ pub struct Measured {
     pub varies: bool,
 }
 
+/// What a controller decides by, for a run that is carried on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Controlled {
+    /// Of each predicted field.
+    pub fields: Vec<Measured>,
+    /// Strides in a row that allowed no jump.
+    pub bad: usize,
+}
+
 /// One predicted field.
 #[derive(Clone, Debug)]
 struct Track {
@@ -281,9 +291,8 @@ impl Control {
         Ok(self.watched().map(|(i, t)| t.relative(errors[i])).fold(0.0, f64::max))
     }
 
-    /// What the controller decides by, for a run that is carried on: what was measured of each predicted field, and how many strides in a row
-    /// allowed no jump; none before a stride was measured.
-    pub fn state(&self) -> Option<(Vec<Measured>, usize)> {
+    /// What the controller decides by; none before a stride was measured.
+    pub fn state(&self) -> Option<Controlled> {
         // JSON, which the state is kept in, has no infinity.
         let row = |t: &Track| Measured {
             error: Some(t.error).filter(|e| e.is_finite()),
@@ -291,27 +300,27 @@ impl Control {
             variation: t.variation.min(f64::MAX),
             varies: t.varies,
         };
-        self.measured.then(|| (self.tracks.iter().map(row).collect(), self.bad))
+        self.measured.then(|| Controlled { fields: self.tracks.iter().map(row).collect(), bad: self.bad })
     }
 
     /// Goes on from the [`state`](Self::state) of another run.
     ///
     /// # Errors
     /// [`Error::Input`] for another number of fields, and for changes and variations that are no such figures.
-    pub fn restore(&mut self, rows: &[Measured], bad: usize) -> Result<()> {
-        self.check(rows.len())?;
+    pub fn restore(&mut self, saved: &Controlled) -> Result<()> {
+        self.check(saved.fields.len())?;
         let usable = |figure: f64| figure.is_finite() && figure >= 0.0;
-        if let Some(row) = rows.iter().find(|r| !(usable(r.change) && usable(r.variation))) {
+        if let Some(row) = saved.fields.iter().find(|r| !(usable(r.change) && usable(r.variation))) {
             return Err(Error::Input(format!(
                 "control: expected a change and a variation that are finite and not below 0, found {} and {}",
                 row.change, row.variation
             )));
         }
-        for (track, row) in self.tracks.iter_mut().zip(rows) {
+        for (track, row) in self.tracks.iter_mut().zip(&saved.fields) {
             track.error = row.error.unwrap_or(f64::INFINITY);
             (track.change, track.variation, track.varies) = (row.change, row.variation, row.varies);
         }
-        (self.measured, self.bad) = (true, bad);
+        (self.measured, self.bad) = (true, saved.bad);
         Ok(())
     }
 

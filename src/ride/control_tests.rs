@@ -43,9 +43,8 @@ fn a_stride_that_is_off_by_too_much_of_the_solvers_change_allows_nothing() {
     c.measure(&rests).unwrap();
     assert_eq!((c.strides(10), c.error()), (0, 0.0005));
     // A run that is carried on from there does not jump either
-    let (rows, bad) = c.state().unwrap();
     let mut carried_on = control(r#"{"tolerance": 0.05}"#, true);
-    carried_on.restore(&rows, bad).unwrap();
+    carried_on.restore(&c.state().unwrap()).unwrap();
     assert_eq!(carried_on.strides(10), 0);
     let mut lenient = control(r#"{"tolerance": 0.05, "relTol": 0.6}"#, true);
     lenient.measure(&rests).unwrap();
@@ -161,16 +160,16 @@ fn a_restored_controller_decides_as_the_one_before() {
     assert_eq!(first.state(), None, "nothing measured");
     first.measure(&stride(0.04)).unwrap();
     first.measure(&stride(1.0)).unwrap();
-    let (rows, bad) = first.state().unwrap();
+    let mut saved = first.state().unwrap();
     let mut second = control(r#"{"tolerance": 0.05, "onFailure": "stop", "patience": 2}"#, true);
-    second.restore(&rows, bad).unwrap();
+    second.restore(&saved).unwrap();
     assert_eq!(second.state(), first.state());
     assert_eq!((second.strides(10), second.error()), (0, 0.5));
     assert!(second.measure(&stride(1.0)).is_err(), "the second bad stride in a row");
-    assert!(second.restore(&rows[..1], 0).is_err());
-    let mut wrong = rows.clone();
-    wrong[1].variation = f64::NAN;
-    assert!(second.restore(&wrong, 0).is_err());
+    saved.fields[1].variation = f64::NAN;
+    assert!(second.restore(&saved).is_err());
+    saved.fields.pop();
+    assert!(second.restore(&saved).is_err());
 }
 
 #[test]
@@ -194,16 +193,14 @@ fn the_first_field_that_varies_is_watched_where_none_is_named() {
     assert_eq!((c.error(), c.strides(8)), (0.09, 0));
     c.measure(&[still, row(0.1), row(0.9)]).unwrap();
     assert_eq!((c.error(), c.strides(8)), (0.01, 8));
-    let (rows, bad) = c.state().unwrap();
     let mut again = Control::new(fields(), settings(r#"{"tolerance": 0.05}"#)).unwrap();
-    again.restore(&rows, bad).unwrap();
+    again.restore(&c.state().unwrap()).unwrap();
     assert_eq!(again.error(), 0.01);
     // DT is uniform, and all that it varies by is rounding: so it stays in a run that is carried on.
     let rounding = StrideError { error: 1e-13, change: 1e-13, size: 4.0, variation: 1e-13 };
     let mut c = Control::new(fields(), settings(r#"{"tolerance": 0.05}"#)).unwrap();
     c.measure(&[rounding, row(0.1), row(0.9)]).unwrap();
-    let (rows, bad) = c.state().unwrap();
-    again.restore(&rows, bad).unwrap();
+    again.restore(&c.state().unwrap()).unwrap();
     assert_eq!((again.error(), again.held()), (0.01, vec!["T"]));
     // Among those that may be, and the one that is named whatever it does.
     let mut c = Control::new(fields(), settings(r#"{"tolerance": 0.05}"#)).unwrap().among(&["p".into()]);

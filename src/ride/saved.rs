@@ -2,7 +2,7 @@
 
 use crate::answer::{Action, Answer, Phase};
 use crate::conditions::Conditions;
-use crate::control::Measured;
+use crate::control::Controlled;
 use crate::fit_control::FitControl;
 use crate::jump::Jump;
 use crate::quantities::Quantities;
@@ -68,14 +68,6 @@ struct Saved {
     shadow: Option<Begun>,
 }
 
-/// Its controller.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Controlled {
-    fields: Vec<Measured>,
-    bad: usize,
-}
-
 /// A stride that is under way.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -125,14 +117,13 @@ impl Ride<'_> {
                     part: numbers.first().copied().unwrap_or(0),
                 }
             });
-            let control = candidate.control.as_ref().and_then(|c| c.state());
             let description = surrogate.describe();
             surrogates.push(Saved {
                 name: description.name.clone(),
                 source: description.source.clone(),
                 digest: description.digest.clone(),
                 fresh: candidate.fresh,
-                control: control.map(|(fields, bad)| Controlled { fields, bad }),
+                control: candidate.control.as_ref().and_then(|c| c.state()),
                 own,
                 fit_control: candidate.fit_control.clone(),
                 shadow: begun,
@@ -248,7 +239,7 @@ impl Ride<'_> {
                 candidate.fit_control = saved.fit_control.clone();
             }
             if let (Some(control), Some(saved)) = (&mut candidate.control, &saved.control) {
-                control.restore(&saved.fields, saved.bad)?;
+                control.restore(saved)?;
             }
         }
         self.keep(state);
@@ -285,24 +276,17 @@ impl Ride<'_> {
             return answer;
         }
         let jump = Jump {
-            surrogate: found.jumper,
-            strides: found.left as usize,
-            done: 0,
             gone: found.gone,
             carried_on: found.begun,
-            delta_t: found.delta_t,
             over: found.left == 0,
-            cut: None,
-            began: self.totals.seconds,
-            limited: "",
             expected: found.expected,
+            ..self.jump_of(found.jumper, found.left as usize, "")
         };
-        let jumper = jump.surrogate;
         self.stepped |= found.begun;
         let answer = self.behind_stride(jump);
         // Where no stride was taken yet the state is the solver's.
         if let Some(fits) =
-            self.candidates[jumper].surrogate.fits().filter(|fits| found.begun && fits.has_fit())
+            self.candidates[found.jumper].surrogate.fits().filter(|fits| found.begun && fits.has_fit())
         {
             // The state of the jump, where the host's solver has made some of it anew.
             let mut own: Values = state.iter().map(|v| v.to_vec()).collect();

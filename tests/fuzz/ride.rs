@@ -6,7 +6,7 @@ use crate::host::*;
 use crate::{damage_header, place, root};
 use m4gn_parallel::NO_MPI;
 use m4gn_ride::Growth;
-use m4gn_ride::control::{Control, ControlSettings, Measured, StrideError};
+use m4gn_ride::control::{Control, ControlSettings, Controlled, Measured, StrideError};
 use m4gn_samples::mesh as sample;
 use serde_json::{Value, json};
 use std::ffi::{CString, c_void};
@@ -337,8 +337,8 @@ fn control_figures() {
                         variation: s.variation,
                         varies: true,
                     };
-                    let rows: Vec<Measured> = rows[..n].iter().map(measured).collect();
-                    control.restore(&rows, r.below(9)).is_ok()
+                    let fields = rows[..n].iter().map(measured).collect();
+                    control.restore(&Controlled { fields, bad: r.below(9) }).is_ok()
                 }
             };
             let (strides, error) = (control.strides(most), control.error());
