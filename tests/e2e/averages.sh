@@ -170,7 +170,7 @@ ill_formed 'publishes no Cx It publishes: ' 'quantities { Cd { functionObject fo
 # A steady solver's values settle, and are known
 cd "$work"
 make_case steady endTime 1000 deltaT 1 writeControl timeStep writeInterval 1000
-set_entries system/fvSolution tolerance 1e-7 relTol 0.05
+set_entries system/fvSolution tolerance 1e-9 relTol 0.05
 laminar 0.02
 control application simpleFoam
 sed -i 's/default *Euler;/default steadyState;/' system/fvSchemes

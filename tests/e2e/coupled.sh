@@ -7,6 +7,7 @@ mkdir -p case/{0,constant,system} && cd case
 control_dict icoFoam 0.06 0.002 adjustableRunTime 0.01 12
 cp "$M4GN_HOME"/openfoam/templates/cylinder-flow/system/{fvSchemes,fvSolution} system
 sed -i 's/@tolerance@/1e-10/; s/@correctors@/1/; s/@convection@/0/; s/relTol  *0.05/relTol 0/; s/nCorrectors  *2;/nCorrectors 2; pRefCell 0; pRefValue 0;/' system/fv{Solution,Schemes}
+pressure_by_pcg
 mesh() { # TYPE ENTRIES ENTRIES: of the ends, the left and the right one
     block '1 0.4 0.1' '20 8 1' "left { type $1; neighbourPatch right; $2 faces (LEFT); }
         right { type $1; neighbourPatch left; $3 faces (RIGHT); }

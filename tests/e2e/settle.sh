@@ -63,6 +63,7 @@ solve
 decided 'nothing is changed' "not of('start_up', decision='changed') and of('start_up', decision='settled')"
 
 control startTime 0 endTime 4
+pressure_by_pcg
 ride "$dmd"
 jumps=$(rows postProcessing/test/0/surrogate.dat | cut -f 1,2)
 keep serial 4

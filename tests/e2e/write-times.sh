@@ -60,7 +60,7 @@ rm -r 0.04 0.048 0.06 postProcessing
 control startTime 0.03
 solve
 written "carried on in a jump" 0.012 0.03 0.04 0.048 0.06
-close_to ../whole 1e-12 0.06/U
+close_to ../whole 1e-10 0.06/U
 
 # So does one with a fit, whose next state may be a time to write within the stride. 0.15 lies between two such times
 clean_case
