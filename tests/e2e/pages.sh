@@ -4,7 +4,9 @@
 # shellcheck source=tests/e2e/_follow.sh
 . "$(dirname "${BASH_SOURCE[0]}")/_follow.sh"
 
-runs m4gn tutorial cylinder -- --repeats 1
+# Behind the first jump of each surrogate
+runs m4gn tutorial cylinder -- --repeats 1 --end 4.5
+for kind in dmd network; do grep -q '^m4gn: jumped ' run/cylinder/$kind/log.icoFoam || fail "first-hybrid-run: $kind has not jumped"; done
 follow first-hybrid-run
 [ -s run/cylinder/loose/log.icoFoam ] || fail 'first-hybrid-run: there is no loose run'
 follow mean-with-interval
@@ -13,7 +15,9 @@ below "$(foamListTimes -case run/cylinder/mean -latestTime)" 30 'mean-with-inter
 follow a-study 's/--count 6/--count 3/; /campaign run/i sed -i "s/^held_out .*/held_out = 0/" study/campaign.toml'
 [ "$(grep -c ',true,' run/study/results.csv)" -eq 6 ] || fail 'a-study: not both figures of three runs are known'
 ln -s "$M4GN_HOME/configs" configs
-follow first-network 's/steps = 2000/steps = 600/; s/1500/560/; s/--count 3/--count 1 --end 5/'
+# A smaller network of fewer cases; its updates go beyond its normalisers
+follow first-network 's/--count 10/--count 4/; s/steps = 2000/steps = 600/; s/1500/560/
+    s/^\[training\]/[model]\nwidth = 32\nlayers_before = 2\nlayers_after = 2\n\n&/; s/--count 3/--count 1 --takeover 1 --end 2.2 --baseline loose/'
 [ -s run/first/0000/control.json ] || fail 'first-network: there is no run under control'
 
 # Your own case: a square in a wind
