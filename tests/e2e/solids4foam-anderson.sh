@@ -10,16 +10,18 @@ all_correctors() {
     awk '/^m4gn: the next time step is solved/ { n += $9 } /^ *[0-9]+, / { split($1, a, ","); n += a[1] + 1 } END { print n + 0 }' log.run
 }
 anderson='anderson { type m4gnAnderson; libs (m4gnFoam); }'
-# Forty time steps, so that one is left to the solver to compare with: that takes more than 32 to come
+# Forty time steps, so that one is left to the solver to compare with: that takes more than 32 to come. On two ranks the answer is that of the solver
+# alone on one, in the row before, but for where its linear solver stops.
 control endTime 0.04
 while read -r ranks name material traction part held; do
     what="m4gnAnderson, $name, $held, $ranks ranks"
     model "$name" "$material" "$traction" Euler
     sed -i "s/ fixedDisplacement;/ $held;/" 0/*
-    plain
-    alone=$(all_correctors)
-    gathered 0.02,0.04
-    keep full 0.02 0.04
+    if [ "$ranks" -eq 1 ]; then
+        plain
+        alone=$(all_correctors)
+        keep full 0.02 0.04
+    fi
     clean_case
     echo "$anderson" > system/functions
     solve
@@ -27,7 +29,7 @@ while read -r ranks name material traction part held; do
     below 38 "$(sed -n 's/^m4gn: \([0-9]*\) time steps solved ahead.*/\1/p' log.run)" "$what: least time steps solved ahead"
     below "$mixed" "$(calc "$part*$alone")" "$what: correctors in place of $alone"
     gathered 0.02,0.04
-    close_to ../full 1e-6 0.0{2,4}/{D,sigma}
+    close_to ../full "1e-$((7 - ranks))" 0.0{2,4}/{D,sigma}
     # solids4foam itself carries on from D only
     if [ "$ranks" -gt 1 ] || [ ! -f 0/D ]; then continue; fi
     keep end 0.04
@@ -38,14 +40,14 @@ while read -r ranks name material traction part held; do
     close_to ../end 1e-6 0.04/D
 done <<'EOD'
 1 linearGeometryTotalDisplacement linearElastic 200 0.35 fixedDisplacement
+2 linearGeometryTotalDisplacement linearElastic 200 0.35 fixedDisplacement
 1 nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000 0.35 fixedDisplacement
 1 linearGeometry linearElastic 200 0.35 fixedDisplacement
 1 nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 0.35 fixedDisplacement
+2 nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 0.35 fixedDisplacement
 1 nonLinearGeometryUpdatedLagrangian neoHookeanElastic 2000 0.35 fixedDisplacement
 1 linearGeometryTotalDisplacement linearElastic 200 0.35 fixedDisplacementZeroShear
 1 nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 0.35 fixedDisplacementZeroShear
-2 linearGeometryTotalDisplacement linearElastic 200 0.35 fixedDisplacement
-2 nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 0.35 fixedDisplacement
 EOD
 ranks=1
 clean_case
