@@ -1,20 +1,15 @@
 //! `m4gn bench` from outside: its figures, what it exports, and the lines of a worker. Nothing here depends on speed.
 
+use crate::program::{self, figures, success};
 use std::io::{BufRead, BufReader, Write};
-use std::process::{Command, Output, Stdio};
+use std::process::{Output, Stdio};
 
 fn m4gn(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_m4gn")).args(args).output().unwrap()
+    program::m4gn().args(args).output().unwrap()
 }
 
 /// A network small enough for a test.
 const SMALL: [&str; 9] = ["bench", "--nodes", "60", "--layers", "2", "--width", "16", "--hidden", "1"];
-
-fn success(output: &Output) -> String {
-    let error = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{error}");
-    String::from_utf8_lossy(&output.stdout).into_owned()
-}
 
 #[test]
 fn figures_of_a_small_network() {
@@ -26,8 +21,7 @@ fn figures_of_a_small_network() {
         let options = ["--steps", "3", "--json", json.to_str().unwrap()];
         let text = success(&m4gn(&[&SMALL[..], &options[..], extra].concat()));
         assert!(text.contains("edge blocks") && text.contains("encode nodes"), "{text}");
-        let found: serde_json::Value =
-            serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+        let found = figures(&json);
         for key in
             ["ms_per_step", "gflops", "gemm_peak_gflops", "peak_share", "edge_block_share", "peak_memory_mib"]
         {
@@ -85,7 +79,7 @@ fn a_worker_answers_line_by_line() {
 }
 
 fn answers(options: &[&str]) {
-    let mut worker = Command::new(env!("CARGO_BIN_EXE_m4gn"))
+    let mut worker = program::m4gn()
         .args([&SMALL[..], options].concat())
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())

@@ -1,9 +1,10 @@
 //! What the command line does with its outputs: closed pipes, full devices, odd names.
 
+use crate::program::{fails, m4gn};
 use std::fs;
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 
 fn root() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
@@ -11,17 +12,6 @@ fn root() -> &'static Path {
 
 fn model() -> PathBuf {
     root().join("models/beam.safetensors")
-}
-
-fn m4gn() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_m4gn"))
-}
-
-/// Fails with a message of ours, not with a panic or a signal.
-fn fails(run: &Output, words: &str) {
-    let text = String::from_utf8_lossy(&run.stderr);
-    assert_eq!(run.status.code(), Some(1), "{text}");
-    assert!(text.starts_with("m4gn: ") && text.contains(words), "expected '{words}' in '{text}'");
 }
 
 #[test]

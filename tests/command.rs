@@ -9,6 +9,7 @@ mod compare;
 mod convert;
 mod generate;
 mod hybrid;
+mod program;
 mod segment;
 mod study;
 mod train;

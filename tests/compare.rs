@@ -3,46 +3,63 @@
 //! Needs OpenFOAM and `libm4gn_foam_bridge.so` beside the executable (setup/build.sh).
 
 use crate::common::{cube, field, put, uniform};
-use std::{
-    fs,
-    path::Path,
-    process::{Command, Output},
-};
+use crate::program::{fails, figures, m4gn, success};
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
 use tempfile::TempDir;
 
-fn m4gn(args: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_m4gn"));
-    command.args(args).env_remove("WM_PROJECT_DIR").output().unwrap()
+/// Cases of a full and a hybrid run, a and b in a folder.
+struct Runs {
+    dir: TempDir,
+    a: PathBuf,
+    b: PathBuf,
 }
 
-/// Two ducts: the full run's velocity is 1, 2, 3 at t = 1, 2, 3; the hybrid's 1, 2.5, 3.
-fn two_runs() -> (TempDir, String, String) {
-    let dir = TempDir::new().unwrap();
-    for (name, speeds) in [("a", [1.0, 2.0, 3.0]), ("b", [1.0, 2.5, 3.0])] {
-        let case = dir.path().join(name);
-        cube(&case, false, "empty");
-        for (i, u) in speeds.iter().enumerate() {
-            uniform(&case, &(i + 1).to_string(), *u);
-        }
+impl Runs {
+    /// Without the cases.
+    fn new() -> Runs {
+        let dir = TempDir::new().unwrap();
+        let (a, b) = (dir.path().join("a"), dir.path().join("b"));
+        Runs { dir, a, b }
     }
-    let path = |n: &str| dir.path().join(n).to_str().unwrap().to_string();
-    let (a, b) = (path("a"), path("b"));
-    (dir, a, b)
-}
 
-fn figures(path: &str) -> serde_json::Value {
-    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+    /// Two ducts: the full run's velocity is 1, 2, 3 at t = 1, 2, 3; the hybrid's 1, 2.5, 3.
+    fn ducts() -> Runs {
+        let runs = Runs::new();
+        for (case, speeds) in [(&runs.a, [1.0, 2.0, 3.0]), (&runs.b, [1.0, 2.5, 3.0])] {
+            cube(case, false, "empty");
+            for (i, u) in speeds.iter().enumerate() {
+                uniform(case, &(i + 1).to_string(), *u);
+            }
+        }
+        runs
+    }
+
+    /// `m4gn compare a b --json c.json --html c.html` with these options.
+    fn compare(&self, options: &[&str]) -> Output {
+        let mut command = m4gn();
+        command.current_dir(self.dir.path()).env_remove("WM_PROJECT_DIR");
+        let files = ["--json", "c.json", "--html", "c.html"];
+        command.args(["compare", "a", "b"]).args(files).args(options).output().unwrap()
+    }
+
+    /// What it prints, and its figures.
+    fn compared(&self, options: &[&str]) -> (String, Value) {
+        let text = success(&self.compare(options));
+        (text, figures(self.dir.path().join("c.json")))
+    }
+
+    fn page(&self) -> String {
+        fs::read_to_string(self.dir.path().join("c.html")).unwrap()
+    }
 }
 
 #[test]
 fn compare_gives_the_errors_on_paper() {
-    let (dir, a, b) = two_runs();
-    let file = |n: &str| dir.path().join(n).to_str().unwrap().to_string();
-    let (json, html) = (file("c.json"), file("c.html"));
-    let outputs = ["--json", &json, "--html", &html];
-    let run = m4gn(&[&["compare", &a, &b, "--patch", "body", "--wall-a", "9"], &outputs[..]].concat());
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    let found = figures(&json);
+    let runs = Runs::ducts();
+    let (text, found) = runs.compared(&["--patch", "body", "--wall-a", "9"]);
     let list = |key: &str| -> Vec<f64> {
         found[key].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
     };
@@ -50,7 +67,6 @@ fn compare_gives_the_errors_on_paper() {
     let expected = [(0.5_f64 / 2.0_f64.sqrt(), 1.0 / 2.0_f64.sqrt()), (0.25, (5.0_f64 / 4.0).sqrt())];
     // p is the same in both runs and at all times.
     assert_eq!(found["fields"]["p"]["rmse"], serde_json::json!([0.0, 0.0]));
-    let text = String::from_utf8_lossy(&run.stdout);
     assert!(text.contains("RMSE-1") && text.contains("hybrid [p]"), "{text}");
     for (i, (model, hold)) in expected.into_iter().enumerate() {
         assert!((list("velocity_rmse")[i] - model).abs() < 1e-12, "{found}");
@@ -59,35 +75,33 @@ fn compare_gives_the_errors_on_paper() {
     assert_eq!((list("times"), found["takeover"].as_f64()), (vec![2.0, 3.0], Some(1.0)));
     assert_eq!((found["wall_a"].as_f64(), found["wall_b"].as_f64()), (Some(9.0), None));
     assert!(found["replaced_fraction"].is_null() && found["strouhal_error"].is_null());
-    assert!(fs::read_to_string(&html).unwrap().contains("data:image/png;base64,"));
+    assert!(runs.page().contains("data:image/png;base64,"));
 
     // A surrogate that says when it took over.
-    let folder = Path::new(&b).join("postProcessing/surrogate/1");
+    let folder = runs.b.join("postProcessing/surrogate/1");
     fs::create_dir_all(&folder).unwrap();
     let summary = r#"{"replaced_time": 1.0, "replaced_fraction": 0.5, "takeover_time": 2.0}"#;
     fs::write(folder.join("summary.json"), summary).unwrap();
-    let run = m4gn(&["compare", &a, &b, "--json", &json]);
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    let found = figures(&json);
+    let (_, found) = runs.compared(&[]);
     assert_eq!((found["times"][0].as_f64(), found["replaced_fraction"].as_f64()), (Some(3.0), Some(0.5)));
 }
 
-/// A temperature in both cells of the full run 300, 301, 302 K, of the hybrid 300, 302, 302 K at t = 1, 2, 3.
-#[test]
-fn a_temperature_is_compared_where_both_runs_have_it() {
-    let (dir, a, b) = two_runs();
-    let json = dir.path().join("c.json").to_str().unwrap().to_string();
-    for (case, values) in [(&a, [300, 301, 302]), (&b, [300, 302, 302])] {
+/// The ducts with a temperature in both cells, of the full run 300, 301, 302 K, of the hybrid 300, 302, 302 K at t = 1, 2, 3.
+fn warm_ducts() -> Runs {
+    let runs = Runs::ducts();
+    for (case, values) in [(&runs.a, [300, 301, 302]), (&runs.b, [300, 302, 302])] {
         for (i, value) in values.iter().enumerate() {
-            let value = value.to_string();
+            let (time, value) = ((i + 1).to_string(), value.to_string());
             let boundary = "\".*\"{type zeroGradient;} sides{type empty;}";
-            let time = (i + 1).to_string();
-            field(Path::new(case), &time, "T", [&value, &value], boundary);
+            field(case, &time, "T", [&value, &value], boundary);
         }
     }
-    let run = m4gn(&["compare", &a, &b, "--json", &json]);
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    let found = figures(&json);
+    runs
+}
+
+#[test]
+fn a_temperature_is_compared_where_both_runs_have_it() {
+    let (text, found) = warm_ducts().compared(&[]);
     // The errors are 1 and 0 K, those of holding 300 K are 1 and 2 K; a horizon has all times before it too.
     for (key, expected) in [("rmse", [1.0, 0.5_f64.sqrt()]), ("hold_last_rmse", [1.0, 2.5_f64.sqrt()])] {
         for (horizon, value) in expected.into_iter().enumerate() {
@@ -95,31 +109,23 @@ fn a_temperature_is_compared_where_both_runs_have_it() {
             assert!((found - value).abs() < 1e-9, "{key}: {found}, expected {value}");
         }
     }
-    let text = String::from_utf8_lossy(&run.stdout);
     assert!(text.contains("hybrid [T]"), "{text}");
 }
 
 /// Of heat conduction, by the temperatures above.
 #[test]
 fn a_temperature_comes_first_where_there_is_no_velocity() {
-    let (dir, a, b) = two_runs();
-    let json = dir.path().join("c.json").to_str().unwrap().to_string();
-    for (case, values) in [(&a, [300, 301, 302]), (&b, [300, 302, 302])] {
-        for (i, value) in values.iter().enumerate() {
-            let (time, value) = ((i + 1).to_string(), value.to_string());
-            let boundary = "\".*\"{type zeroGradient;} sides{type empty;}";
-            field(Path::new(case), &time, "T", [&value, &value], boundary);
-            fs::remove_file(Path::new(case).join(&time).join("U")).unwrap();
+    let runs = warm_ducts();
+    for case in [&runs.a, &runs.b] {
+        for time in ["1", "2", "3"] {
+            fs::remove_file(case.join(time).join("U")).unwrap();
         }
     }
-    let run = m4gn(&["compare", &a, &b, "--json", &json]);
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    let found = figures(&json);
+    let (text, found) = runs.compared(&[]);
     for (horizon, value) in [1.0, 0.5_f64.sqrt()].into_iter().enumerate() {
         assert!((found["temperature_rmse"][horizon].as_f64().unwrap() - value).abs() < 1e-9, "{found}");
     }
     assert!(found["fields"]["T"].is_null() && found["fields"]["p"].is_object(), "{found}");
-    let text = String::from_utf8_lossy(&run.stdout);
     assert!(text.contains("hybrid [T, K]"), "{text}");
 }
 
@@ -141,12 +147,10 @@ fn lifted(case: &Path, swing: f64) {
 /// Not "22073 %": no percentage tells of a lift that the full run hardly has.
 #[test]
 fn a_lift_of_many_times_the_full_runs_is_said_so() {
-    let (_dir, a, b) = two_runs();
-    lifted(Path::new(&a), 0.001);
-    lifted(Path::new(&b), 0.221);
-    let run = m4gn(&["compare", &a, &b, "--patch", "body"]);
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    let text = String::from_utf8_lossy(&run.stdout);
+    let runs = Runs::ducts();
+    lifted(&runs.a, 0.001);
+    lifted(&runs.b, 0.221);
+    let (text, _) = runs.compared(&["--patch", "body"]);
     let row = text.lines().find(|l| l.contains("rms lift")).unwrap();
     assert!(row.contains("221 times the full run's") && !row.contains('%'), "{row}");
 }
@@ -155,9 +159,8 @@ fn a_lift_of_many_times_the_full_runs_is_said_so() {
 /// stride in a stretch of twice the drag.
 #[test]
 fn the_tables_of_function_objects_are_weighed_by_time() {
-    let (dir, a, b) = two_runs();
-    let json = dir.path().join("c.json").to_str().unwrap().to_string();
-    for (case, step) in [(&a, 0.01), (&b, 0.05)] {
+    let runs = Runs::ducts();
+    for (case, step) in [(&runs.a, 0.01), (&runs.b, 0.05)] {
         let mut table = String::from("# Force coefficients\n# Time \tCd\tCs\tCl\n");
         let mut time: f64 = 0.0;
         while time < 3.0 - 1e-9 {
@@ -166,16 +169,14 @@ fn the_tables_of_function_objects_are_weighed_by_time() {
             table += &format!("{time}\t{drag}\t0\t{}\n", (std::f64::consts::TAU * time / 0.4).sin());
         }
         let functions = "functions { drag { type forceCoeffs; patches (body); } other { type forceCoeffs; patches (inlet); } }";
-        let control = Path::new(case).join("system/controlDict");
+        let control = case.join("system/controlDict");
         let text = fs::read_to_string(&control).unwrap() + functions;
         fs::write(control, text).unwrap();
-        let folder = Path::new(case).join("postProcessing/drag/0");
+        let folder = case.join("postProcessing/drag/0");
         fs::create_dir_all(&folder).unwrap();
         fs::write(folder.join("coefficient.dat"), table).unwrap();
     }
-    let run = m4gn(&["compare", &a, &b, "--patch", "body", "--json", &json]);
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    let found = figures(&json);
+    let (text, found) = runs.compared(&["--patch", "body"]);
     assert_eq!(found["table"], "drag");
     for run in [0, 1] {
         let number = |key: &str| found[key][run].as_f64().unwrap();
@@ -183,14 +184,11 @@ fn the_tables_of_function_objects_are_weighed_by_time() {
         assert!((number("frequency") - 2.5).abs() < 0.02, "{found}");
     }
     assert!(found["drag_error"].as_f64().unwrap() < 0.02, "{found}");
-    let text = String::from_utf8_lossy(&run.stdout);
     assert!(text.contains("the tables of the function object drag"), "{text}");
     // Of the stored times alone nothing can be told
-    fs::remove_dir_all(Path::new(&b).join("postProcessing")).unwrap();
-    let run = m4gn(&["compare", &a, &b, "--patch", "body", "--json", &json]);
-    let text = String::from_utf8_lossy(&run.stdout);
+    fs::remove_dir_all(runs.b.join("postProcessing")).unwrap();
+    let (text, found) = runs.compared(&["--patch", "body"]);
     assert!(text.contains("2 stored times are too few"), "{text}");
-    let found = figures(&json);
     assert!(
         found["mean_drag"] == serde_json::json!([null, null]) && found["drag_error"].is_null(),
         "{found}"
@@ -200,110 +198,74 @@ fn the_tables_of_function_objects_are_weighed_by_time() {
 /// A cylinder whose forces cannot be known, as the viscosity is not.
 #[test]
 fn a_patch_that_nobody_names_keeps_nothing_from_being_compared() {
-    let (dir, a, b) = two_runs();
-    let json = dir.path().join("c.json").to_str().unwrap().to_string();
-    for case in [&a, &b].map(Path::new) {
+    let runs = Runs::ducts();
+    for case in [&runs.a, &runs.b] {
         for file in ["constant/polyMesh/boundary", "1/U", "2/U", "3/U", "1/p", "2/p", "3/p"] {
             let text = fs::read_to_string(case.join(file)).unwrap();
             fs::write(case.join(file), text.replace("body", "cylinder")).unwrap();
         }
         fs::remove_file(case.join("constant/transportProperties")).unwrap();
     }
-    let run = m4gn(&["compare", &a, &b, "--json", &json]);
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    let text = String::from_utf8_lossy(&run.stdout);
+    let (text, found) = runs.compared(&[]);
     assert!(text.contains("no forces on patch cylinder: ") && text.contains("transportProperties"), "{text}");
-    assert!(figures(&json)["drag_a"].is_null());
-    assert!(!m4gn(&["compare", &a, &b, "--patch", "cylinder"]).status.success());
-}
-
-/// As in `m4gn compare A B | head -1`.
-#[test]
-fn a_reader_of_one_line_is_no_error() {
-    let (dir, a, b) = two_runs();
-    let json = dir.path().join("c.json");
-    let (reader, writer) = std::io::pipe().unwrap();
-    drop(reader);
-    let run = Command::new(env!("CARGO_BIN_EXE_m4gn"))
-        .args(["compare", &a, &b, "--json", json.to_str().unwrap()])
-        .stdout(writer)
-        .output()
-        .unwrap();
-    assert!(
-        run.status.success() && run.stderr.is_empty(),
-        "{} {}",
-        run.status,
-        String::from_utf8_lossy(&run.stderr)
-    );
-    assert!(json.is_file(), "the figures are written all the same");
+    assert!(found["drag_a"].is_null());
+    assert!(!runs.compare(&["--patch", "cylinder"]).status.success());
 }
 
 /// The full run's log goes on to 3 s, the hybrid's ends at 2 s: what the full run took for 2 s counts. A log without End is none.
 #[test]
 fn times_are_those_of_the_same_span_and_of_runs_that_ended() {
-    let (dir, a, b) = two_runs();
-    let json = dir.path().join("c.json").to_str().unwrap().to_string();
-    let log = |case: &str, seconds: &[f64], end: &str| {
+    let runs = Runs::ducts();
+    let log = |case: &Path, seconds: &[f64], end: &str| {
         let step = |(i, s): (usize, &f64)| {
             format!("Time = {}\n\nExecutionTime = {s} s  ClockTime = {s:.0} s\n\n", i + 1)
         };
         let steps: String = seconds.iter().enumerate().map(step).collect();
-        let control = fs::read_to_string(Path::new(case).join("system/controlDict")).unwrap();
+        let control = fs::read_to_string(case.join("system/controlDict")).unwrap();
         let application = control.split("application").nth(1).unwrap().split(';').next().unwrap();
         let file = format!("log.{}", application.trim());
-        fs::write(Path::new(case).join(file), format!("Create mesh for time = 0\n\n{steps}{end}")).unwrap();
+        fs::write(case.join(file), format!("Create mesh for time = 0\n\n{steps}{end}")).unwrap();
     };
-    let compared = || {
-        let run = m4gn(&["compare", &a, &b, "--json", &json]);
-        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-        (figures(&json), String::from_utf8_lossy(&run.stdout).into_owned())
-    };
-    log(&a, &[40.0, 80.0, 440.0], "End\n");
-    log(&b, &[10.0, 20.0], "End\n");
-    let (found, text) = compared();
+    log(&runs.a, &[40.0, 80.0, 440.0], "End\n");
+    log(&runs.b, &[10.0, 20.0], "End\n");
+    let (text, found) = runs.compared(&[]);
     assert_eq!(found["span"], serde_json::json!([0.0, 2.0]));
     assert_eq!((&found["processor_a"], &found["processor_b"]), (&80.0.into(), &20.0.into()));
     assert_eq!((&found["processor_after_a"], &found["processor_after_b"]), (&40.0.into(), &10.0.into()));
     let row = text.lines().find(|l| l.contains("whole run: processor time")).unwrap();
     assert!(row.ends_with("25.0 %, 4.00 x as fast"), "{text}");
     assert!(text.find("whole run").unwrap() < text.find("RMSE-1").unwrap());
-    log(&b, &[0.7], "");
-    let (found, text) = compared();
+    log(&runs.b, &[0.7], "");
+    let (text, found) = runs.compared(&[]);
     assert!(found["processor_a"].is_null() && found["wall_b"].is_null(), "{found}");
     assert!(text.contains("no line 'End'") && !text.contains(" x as fast"), "{text}");
 }
 
 #[test]
 fn compare_refuses_what_cannot_be_compared() {
-    let (dir, a, b) = two_runs();
-    let json = dir.path().join("c.json");
-    let fails = |args: &[&str], words: &str| {
-        let run = m4gn(&[&["compare", "--json", json.to_str().unwrap()], args].concat());
-        let text = String::from_utf8_lossy(&run.stderr).into_owned();
-        assert_eq!(run.status.code(), Some(1), "{args:?}: {text}");
-        assert!(
-            text.starts_with("m4gn: ") && text.contains(words),
-            "{args:?}: expected '{words}' in '{text}'"
-        );
-        assert!(!json.exists(), "{args:?} left a file of figures");
+    let runs = Runs::ducts();
+    let refused = |options: &[&str], words: &str| {
+        fails(&runs.compare(options), words);
+        assert!(!runs.dir.path().join("c.json").exists(), "{options:?} left a file of figures");
     };
-    fails(&[&a, "/nowhere"], "is not an OpenFOAM case");
-    fails(&[&a, "/tmp/my case"], "has the character ' '");
-    fails(&[&a, &b, "--patch", "wing"], "its patches are inlet, outlet, body, sides");
-    fails(&[&a, &b, "--probe-patch", "outlet"], "of a solid");
-    fails(&[&a, &b, "--from", "0.5"], "took over at 0.5 s");
-    fails(&[&a, &b, "--from", "3"], "took over at 3 s");
-    fails(&[&a, &b, "--wall-a", "0"], "expected a positive number");
+    let of = |other: &str| m4gn().current_dir(&runs.dir).args(["compare", "a", other]).output().unwrap();
+    fails(&of("/nowhere"), "is not an OpenFOAM case");
+    fails(&of("/tmp/my case"), "has the character ' '");
+    refused(&["--patch", "wing"], "its patches are inlet, outlet, body, sides");
+    refused(&["--probe-patch", "outlet"], "of a solid");
+    refused(&["--from", "0.5"], "took over at 0.5 s");
+    refused(&["--from", "3"], "took over at 3 s");
+    refused(&["--wall-a", "0"], "expected a positive number");
     // Another mesh.
     let points =
         "12((0 0 0)(0 1 0)(0 1 1)(0 0 1)(0.4 0 0)(0.4 1 0)(0.4 1 1)(0.4 0 1)(1 0 0)(1 1 0)(1 1 1)(1 0 1))";
-    put(Path::new(&b), "constant/polyMesh/points", "vectorField", points);
-    fails(&[&a, &b], "different meshes");
+    put(&runs.b, "constant/polyMesh/points", "vectorField", points);
+    refused(&[], "different meshes");
     // A run that blew up.
-    cube(Path::new(&b), false, "empty");
-    uniform(Path::new(&b), "3", f64::NAN);
-    fails(&[&a, &b], "3/U");
-    assert_eq!(m4gn(&["compare", &a]).status.code(), Some(2));
+    cube(&runs.b, false, "empty");
+    uniform(&runs.b, "3", f64::NAN);
+    refused(&[], "3/U");
+    assert_eq!(m4gn().args(["compare", "a"]).status().unwrap().code(), Some(2));
 }
 
 /// A body of two cells that sways with period 8 in y, the right one twice as far; `scale` times as far.
@@ -319,18 +281,13 @@ fn sways(case: &Path, scale: f64) {
 
 #[test]
 fn the_motion_of_a_solid_is_compared() {
-    let dir = TempDir::new().unwrap();
-    let path = |name: &str| dir.path().join(name).to_str().unwrap().to_string();
-    let (a, b, json, html) = (path("a"), path("b"), path("c.json"), path("c.html"));
-    sways(Path::new(&a), 1.0);
-    sways(Path::new(&b), 0.9);
+    let runs = Runs::new();
+    sways(&runs.a, 1.0);
+    sways(&runs.b, 0.9);
     // The cell beside the outlet is the one that moves most; the one beside the inlet moves half as far.
     for (patch, most) in [(None, 1.0), (Some("outlet"), 1.0), (Some("inlet"), 0.5)] {
-        let mut args = vec!["compare", &a, &b, "--json", &json, "--html", &html];
-        args.extend(patch.iter().flat_map(|p| ["--probe-patch", p]));
-        let run = m4gn(&args);
-        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-        let found = figures(&json);
+        let options: Vec<&str> = patch.iter().flat_map(|p| ["--probe-patch", *p]).collect();
+        let (_, found) = runs.compared(&options);
         let number = |key: &str| found[key].as_f64().unwrap();
         // From 2 to 24: two whole periods and seven of the eight samples of another; cos^2 sums to 4 a period.
         let mean_square = (12.0 - 0.5) / 23.0_f64;
@@ -352,21 +309,16 @@ fn the_motion_of_a_solid_is_compared() {
         let last = found["displacement_rmse"].as_array().unwrap().last().unwrap();
         assert!((last.as_f64().unwrap() - expected).abs() < 1e-6, "{found}");
     }
-    assert!(fs::read_to_string(&html).unwrap().contains("<svg"));
+    assert!(runs.page().contains("<svg"));
 
-    let fails = |args: &[&str], words: &str| {
-        let run = m4gn(&[&["compare", &a, &b], args].concat());
-        let text = String::from_utf8_lossy(&run.stderr).into_owned();
-        assert_eq!(run.status.code(), Some(1), "{args:?}: {text}");
-        assert!(text.contains(words), "{args:?}: expected '{words}' in '{text}'");
-    };
-    fails(&["--interpolate"], "--interpolate");
-    fails(&["--patch", "wing"], "its patches are inlet, outlet, body, sides");
-    fails(&["--probe-patch", "wing"], "its patches are inlet, outlet, body, sides");
-    sways(Path::new(&a), 0.0);
-    fails(&[], "does not move");
-    fs::remove_file(Path::new(&b).join("24/D")).unwrap();
-    fails(&[], "24/D");
+    fails(&runs.compare(&["--interpolate"]), "--interpolate");
+    for option in ["--patch", "--probe-patch"] {
+        fails(&runs.compare(&[option, "wing"]), "its patches are inlet, outlet, body, sides");
+    }
+    sways(&runs.a, 0.0);
+    fails(&runs.compare(&[]), "does not move");
+    fs::remove_file(runs.b.join("24/D")).unwrap();
+    fails(&runs.compare(&[]), "24/D");
 }
 
 /// A stress that is the same everywhere: `xx` along x, and `xy`. In 2-D there is no stress on `sides`.
@@ -378,27 +330,23 @@ fn stress(case: &Path, time: u32, xx: f64, xy: f64) {
 
 #[test]
 fn the_reaction_of_a_solid_is_compared_where_both_runs_know_it() {
-    let dir = TempDir::new().unwrap();
-    let path = |name: &str| dir.path().join(name).to_str().unwrap().to_string();
-    let (a, b, json, html) = (path("a"), path("b"), path("c.json"), path("c.html"));
-    sways(Path::new(&a), 1.0);
-    sways(Path::new(&b), 0.9);
+    let runs = Runs::new();
+    sways(&runs.a, 1.0);
+    sways(&runs.b, 0.9);
     // Errors count from 1 on. Full: 3 N and 4 N along x on an area of 1; hybrid: 1 N too much along y, then right.
     for time in 2..=24 {
-        stress(Path::new(&a), time, if time == 2 { 3.0 } else { 4.0 }, 0.0);
+        stress(&runs.a, time, if time == 2 { 3.0 } else { 4.0 }, 0.0);
     }
-    stress(Path::new(&b), 2, 3.0, 1.0);
-    stress(Path::new(&b), 3, 4.0, 0.0);
+    stress(&runs.b, 2, 3.0, 1.0);
+    stress(&runs.b, 3, 4.0, 0.0);
     // A stress of the solver's last step, under a time of the surrogate's
-    stress(Path::new(&b), 4, 9.0, 9.0);
-    let file = Path::new(&b).join("4/sigma");
+    stress(&runs.b, 4, 9.0, 9.0);
+    let file = runs.b.join("4/sigma");
     let text = fs::read_to_string(&file).unwrap();
     let note = "format ascii; note \"m4gn: not advanced by the surrogate, values of time 3\";";
     fs::write(&file, text.replacen("format ascii;", note, 1)).unwrap();
 
-    let run = m4gn(&["compare", &a, &b, "--patch", "outlet", "--json", &json, "--html", &html]);
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    let found = figures(&json);
+    let (text, found) = runs.compared(&["--patch", "outlet"]);
     let reaction = &found["reaction"];
     assert_eq!(reaction["times"], serde_json::json!([2.0, 3.0]));
     assert_eq!(reaction["force_a"], serde_json::json!([[3.0, 0.0, 0.0], [4.0, 0.0, 0.0]]));
@@ -407,14 +355,13 @@ fn the_reaction_of_a_solid_is_compared_where_both_runs_know_it() {
     assert!((number("error_max") - 0.25).abs() < 1e-12, "{reaction}");
     // The patch of the force is not the one beside which a cell is followed
     assert_eq!(found["amplitude"], 1.0);
-    let text = String::from_utf8_lossy(&run.stdout);
     for words in [
         "compared at 2 of 23 times",
         "1 time where sigma was not advanced by the surrogate in the hybrid run",
         "20 times where no sigma is stored in the hybrid run",
     ] {
         assert!(text.contains(words), "{text}");
-        assert!(fs::read_to_string(&html).unwrap().contains(words));
+        assert!(runs.page().contains(words));
     }
     let row = |what: &str| {
         let line = text.lines().find(|l| l.contains(what));

@@ -3,27 +3,23 @@
 #[path = "samples/records.rs"]
 mod records;
 
+use crate::program;
 use m4gn_data::Trajectory;
 use m4gn_model::{Kind, Model};
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 fn run(folder: &Path, arguments: &str) -> Output {
-    let program = env!("CARGO_BIN_EXE_m4gn");
-    Command::new(program).current_dir(folder).args(arguments.split(' ')).output().unwrap()
+    program::m4gn().current_dir(folder).args(arguments.split(' ')).output().unwrap()
 }
 
 /// What a command prints.
 fn m4gn(folder: &Path, arguments: &str) -> String {
-    let output = run(folder, arguments);
-    assert!(output.status.success(), "{output:?}");
-    String::from_utf8_lossy(&output.stdout).into_owned()
+    program::success(&run(folder, arguments))
 }
 
 fn refused(folder: &Path, arguments: &str) -> String {
-    let output = run(folder, arguments);
-    assert_eq!(output.status.code(), Some(1), "{output:?}");
-    String::from_utf8_lossy(&output.stderr).into_owned()
+    program::failure(&run(folder, arguments))
 }
 
 /// A TFRecord of two trajectories, and a model that fits them.
@@ -144,8 +140,7 @@ fn predictions_are_trajectories_with_their_errors() {
     m4gn(at, "convert test.tfrecord --out a.h5 --count 1");
     let said = m4gn(at, "predict --model m.safetensors --data a.h5 --out p.h5 --json e.json");
     assert!(said.contains("2 steps of 0.5 s"), "{said}");
-    let errors: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(at.join("e.json")).unwrap()).unwrap();
+    let errors = program::figures(at.join("e.json"));
     let rows = &errors["predictions"][0]["rmse"][0];
     assert_eq!(
         (&rows["persistence"], &rows["hold_first"]),

@@ -2,17 +2,21 @@
 //!
 //! Needs gmsh, OpenFOAM, and in `lib` libm4gnFoam.so and libm4gn_foam_bridge.so (setup/build.sh).
 
-use serde_json::Value;
+use crate::program::{self, figures, names, refused, text};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 const HOME: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 
+fn m4gn(arguments: &str) -> Command {
+    let mut command = program::m4gn();
+    command.env("M4GN_HOME", HOME).env_remove("WM_PROJECT_DIR").args(arguments.split(' '));
+    command
+}
+
 fn without_model(folder: &Path, options: &str) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_m4gn"));
-    command.env("M4GN_HOME", HOME).env_remove("WM_PROJECT_DIR");
-    command.args("hybrid --count 1 --set mesh=coarse --takeover 0.5 --seed 7".split(' '));
+    let mut command = m4gn("hybrid --count 1 --set mesh=coarse --takeover 0.5 --seed 7");
     command.arg("--out").arg(folder.join("runs")).args(options.split_whitespace());
     command
 }
@@ -21,10 +25,6 @@ fn without_model(folder: &Path, options: &str) -> Command {
 fn hybrid(folder: &Path, options: &str) -> Output {
     let model = Path::new(HOME).join("models/cylinder-flow.safetensors");
     without_model(folder, options).arg("--model").arg(model).output().unwrap()
-}
-
-fn text(output: &Output) -> String {
-    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
 }
 
 #[test]
@@ -43,8 +43,7 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     fs::write(path("strict"), "control { tolerance 1e-12; }\n").unwrap();
     let first = hybrid(dir.path(), &options);
     assert!(first.status.success(), "{}", text(&first));
-    let figures = || -> Value { serde_json::from_slice(&fs::read(path("f.json")).unwrap()).unwrap() };
-    let found = figures();
+    let found = figures(path("f.json"));
     let runs = &found["cases"][0]["runs"];
     let number = |run: &str, key: &str| {
         let value = &runs[run]["score"][key];
@@ -85,21 +84,15 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     let page = fs::read_to_string(path("f.html")).unwrap();
     assert_eq!(page.matches("<circle").count(), run.len());
     // Results stay, the runs themselves do not.
-    let names = || {
-        let all = fs::read_dir(path("runs/0000")).unwrap();
-        let mut names: Vec<_> = all.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-        names.sort();
-        names
-    };
     let mut kept: Vec<String> = run.iter().chain(&["full"]).map(|name| format!("{name}.json")).collect();
     kept.sort();
-    assert_eq!(names(), kept);
+    assert_eq!(names(&path("runs/0000")), kept);
 
     // The same command runs nothing.
     let again = hybrid(dir.path(), &options);
     assert!(again.status.success(), "{}", text(&again));
     assert_eq!(again.stderr, b"", "{}", text(&again));
-    let kept = &figures()["cases"][0]["runs"]["hybrid"];
+    let kept = &figures(path("f.json"))["cases"][0]["runs"]["hybrid"];
     assert_eq!(kept["made_with"], runs["hybrid"]["made_with"]);
     assert_eq!(kept["score"]["cells"], runs["hybrid"]["score"]["cells"]);
     // Nor is anything of dmd run anew without the model, which it does not need.
@@ -114,12 +107,11 @@ fn runs_are_compared_kept_and_made_anew_when_they_change() {
     let told = text(&failed);
     assert!(told.contains("1 runs failed:\n  0000 short:") && told.contains("noSuchEntry"), "{told}");
     assert!(told.contains("0000  full  ") && !told.contains("0000  hybrid  "), "{told}");
-    assert_eq!(figures()["cases"][0]["failed"][0][0], "short");
+    assert_eq!(figures(path("f.json"))["cases"][0]["failed"][0][0], "short");
     assert!(path("runs/0000/short/log.icoFoam").is_file());
 
     // A full run whose fields end too early compares with nothing.
-    let times = fs::read_dir(path("runs/0000/full")).unwrap();
-    let times = times.map(|e| e.unwrap().file_name().into_string().unwrap());
+    let times = names(&path("runs/0000/full")).into_iter();
     let times = times.filter_map(|name| Some((name.parse::<f64>().ok()?, name)));
     let (_, last) = times.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
     fs::remove_dir_all(path("runs/0000/full").join(last)).unwrap();
@@ -153,8 +145,7 @@ fn a_family_that_was_edited_is_run_anew() {
     let run = || {
         let done = hybrid(dir.path(), &options);
         assert!(done.status.success(), "{}", text(&done));
-        let found: Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
-        let case = &found["cases"][0];
+        let case = &figures(&json)["cases"][0];
         (text(&done).contains("0000  hybrid  "), case["runs"]["hybrid"]["made_with"].clone())
     };
     let first = run();
@@ -188,17 +179,14 @@ fn a_patch_along_a_flow_from_rest_is_refused_before_the_variants() {
     let ramp = "type uniformFixedValue; uniformValue table ((0 (0 0 0)) (0.2 (0.5 0 0)));\n";
     edit("0/U", inlet, ramp);
     let run = hybrid(dir.path(), &format!("--end 0.8 --family {}", own.display()));
-    assert_eq!(run.status.code(), Some(1), "{}", text(&run));
-    assert!(text(&run).contains("1 runs failed:\n  0000 full: patch walls"), "{}", text(&run));
+    refused(&run, "1 runs failed:\n  0000 full: patch walls");
 }
 
 #[test]
 fn solids_are_compared_by_their_displacement() {
     let dir = tempfile::tempdir().unwrap();
     // Without a model the family's plain solvers are left
-    let none = Command::new(env!("CARGO_BIN_EXE_m4gn"))
-        .env("M4GN_HOME", HOME)
-        .args("hybrid --family vibrating-beam --baseline none --out".split(' '))
+    let none = m4gn("hybrid --family vibrating-beam --baseline none --out")
         .arg(dir.path().join("none"))
         .output()
         .unwrap();
@@ -208,10 +196,7 @@ fn solids_are_compared_by_their_displacement() {
         text(&none)
     );
     let json = dir.path().join("f.json");
-    let run = Command::new(env!("CARGO_BIN_EXE_m4gn"))
-        .env("M4GN_HOME", HOME)
-        .env_remove("WM_PROJECT_DIR")
-        .args("hybrid --family vibrating-beam --count 1 --seed 7 --end 0.6 --baseline loose".split(' '))
+    let run = m4gn("hybrid --family vibrating-beam --count 1 --seed 7 --end 0.6 --baseline loose")
         .arg("--model")
         .arg(Path::new(HOME).join("models/beam.safetensors"))
         .arg("--out")
@@ -225,7 +210,7 @@ fn solids_are_compared_by_their_displacement() {
     for column in ["D/range %", "force %"] {
         assert!(text(&run).contains(column), "{column}: {}", text(&run));
     }
-    let found: Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
+    let found = figures(&json);
     for name in ["hybrid", "loose"] {
         let score = &found["cases"][0]["runs"][name]["score"];
         // The clamp's force is known at all times: solidDisplacementFoam's sigma is written at the surrogate's too
@@ -275,9 +260,7 @@ fn what_cannot_be_is_refused_before_anything_runs() {
         ("--variant a=/dev/null", "expected a plain file, found a pipe or a device"),
         ("--variant a=/no/file", "/no/file"),
     ] {
-        let run = hybrid(dir.path(), options);
-        assert_eq!(run.status.code(), Some(1), "{options}: {}", text(&run));
-        assert!(text(&run).contains(words), "{options}: {}", text(&run));
+        refused(&hybrid(dir.path(), options), words);
     }
     assert!(!dir.path().join("runs").exists());
 }

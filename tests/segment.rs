@@ -3,15 +3,12 @@
 //! Needs OpenFOAM and `libm4gn_foam_bridge.so` beside the executable (setup/build.sh).
 
 use crate::common::{cube, put, uniform};
-use std::{
-    fs,
-    path::Path,
-    process::{Command, Output},
-};
+use crate::program::{figures, m4gn, names, success};
+use std::{fs, path::Path, process::Output};
 use tempfile::TempDir;
 
 fn segment(case: &Path, arguments: &str) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_m4gn"))
+    m4gn()
         .arg("segment")
         .arg(case)
         .args(arguments.split_whitespace())
@@ -31,17 +28,7 @@ fn refused(case: &Path, arguments: &str, status: i32, text: &str) {
 }
 
 fn accepted(case: &Path, arguments: &str) -> String {
-    let output = segment(case, arguments);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{arguments}: {said}");
-    String::from_utf8(output.stdout).unwrap()
-}
-
-fn names(folder: &Path) -> Vec<String> {
-    let mut names: Vec<String> =
-        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-    names.sort();
-    names
+    success(&segment(case, arguments))
 }
 
 /// The duct of two cells of 1/2 x 1 x 1, empty in z, in a folder of its own.
@@ -57,8 +44,7 @@ fn duct() -> (TempDir, std::path::PathBuf) {
 fn two_cells_on_paper() {
     let (dir, case) = duct();
     let text = accepted(&case, "--segments 2 --json figures.json");
-    let json: serde_json::Value =
-        serde_json::from_str(&fs::read_to_string(dir.path().join("figures.json")).unwrap()).unwrap();
+    let json = figures(dir.path().join("figures.json"));
     // Between the cells 1/0.5, to each end 1/0.25, to each of two walls 0.5/0.5: K = [8 -2; -2 8], V = 1/2. The mode with
     // eigenvalue (8 - 2)/0.5 = 12.
     let found = json["eigenvalues"].as_array().unwrap();
@@ -164,8 +150,7 @@ fn entries_of_the_function_object_are_the_defaults() {
     put(&case, "system/controlDict", "dictionary", &control);
     let text = accepted(&case, "--json figures.json");
     assert!(text.contains("method metis, K 2, 0 modes"), "{text}");
-    let json = fs::read_to_string(dir.path().join("figures.json")).unwrap();
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = figures(dir.path().join("figures.json"));
     assert_eq!((&json["method"], &json["k"]), (&"metis".into(), &2.into()));
     let text = accepted(&case, "--segments 1 --method slic-md --modes 1");
     assert!(text.contains("method slic-md, K 1, 1 modes"), "{text}");

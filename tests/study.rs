@@ -1,5 +1,6 @@
 //! `m4gn study` from outside: what is trained, tested and reported, and that it goes on where it was stopped.
 
+use crate::program;
 use m4gn_samples::training as sample;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -24,9 +25,14 @@ remove = ["macro", "segments", "model.layers_before", "model.layers_after"]
 set = { model = { kind = "gcn", layers = 2 } }
 "#;
 
+fn command(folder: &Path) -> Command {
+    let mut command = program::m4gn();
+    command.current_dir(folder).args(["study", "study.toml", "--out", "out"]);
+    command
+}
+
 fn study(folder: &Path) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_m4gn"));
-    command.current_dir(folder).args(["study", "study.toml", "--out", "out"]).output().unwrap()
+    command(folder).output().unwrap()
 }
 
 #[test]
@@ -162,14 +168,7 @@ fn two_studies_take_turns() {
         STUDY.replace("seeds = [1, 2]", "seeds = [1]").replace("steps = 4", "steps = 60"),
     )
     .unwrap();
-    let begin = || {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_m4gn"));
-        command
-            .current_dir(folder.path())
-            .args(["study", "study.toml", "--out", "out"])
-            .stdout(Stdio::piped());
-        command.spawn().unwrap()
-    };
+    let begin = || command(folder.path()).stdout(Stdio::piped()).spawn().unwrap();
     let first = begin();
     let start = std::time::Instant::now();
     while !at("out/flow/M4GN/1/made-from").exists() {
@@ -199,9 +198,7 @@ fn a_study_that_is_stopped_goes_on() {
     std::fs::write(at("config.toml"), sample::config("checkpoint_interval = 1000000")).unwrap();
     let long = STUDY.replace("steps = 4", "steps = 100000").replace("seeds = [1, 2]", "seeds = [1]");
     std::fs::write(at("study.toml"), &long).unwrap();
-    let mut command = Command::new(env!("CARGO_BIN_EXE_m4gn"));
-    let mut child =
-        command.current_dir(folder.path()).args(["study", "study.toml", "--out", "out"]).spawn().unwrap();
+    let mut child = command(folder.path()).spawn().unwrap();
     let log = at("out/flow/M4GN/1/model.csv");
     let start = std::time::Instant::now();
     while std::fs::read_to_string(&log).map_or(0, |text| text.lines().count()) < 3 {
@@ -214,9 +211,7 @@ fn a_study_that_is_stopped_goes_on() {
     let count = || std::fs::read_to_string(&log).unwrap().lines().count();
     let before = count();
     // Asked at once, it has made no step less.
-    let mut command = Command::new(env!("CARGO_BIN_EXE_m4gn"));
-    let mut child =
-        command.current_dir(folder.path()).args(["study", "study.toml", "--out", "out"]).spawn().unwrap();
+    let mut child = command(folder.path()).spawn().unwrap();
     while count() <= before {
         assert!(start.elapsed().as_secs() < 600, "no step is made");
         std::thread::sleep(std::time::Duration::from_millis(20));

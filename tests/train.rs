@@ -1,5 +1,6 @@
 //! `m4gn train` from outside: its files, its refusals, and how the process ends.
 
+use crate::program::{self, failure, figures, success};
 use m4gn_data::Split;
 use m4gn_engine::torch::LIBRARY;
 use m4gn_mesh::NodeType;
@@ -18,7 +19,7 @@ fn folder() -> tempfile::TempDir {
 }
 
 fn train(folder: &Path, name: &str, extra: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_m4gn"))
+    program::m4gn()
         .current_dir(folder)
         .args(["train", "--data", "data", "--config", "config.toml"])
         .args(["--out", name])
@@ -36,15 +37,7 @@ fn trained(folder: &Path, name: &str, extra: &[&str]) -> String {
 
 /// What a command prints.
 fn m4gn(folder: &Path, arguments: &[&str]) -> String {
-    let program = env!("CARGO_BIN_EXE_m4gn");
-    let output = Command::new(program).current_dir(folder).args(arguments).output().unwrap();
-    assert!(output.status.success(), "{output:?}");
-    String::from_utf8_lossy(&output.stdout).into_owned()
-}
-
-fn message(output: &Output) -> String {
-    assert_eq!(output.status.code(), Some(1), "{output:?}");
-    String::from_utf8_lossy(&output.stderr).into_owned()
+    success(&program::m4gn().current_dir(folder).args(arguments).output().unwrap())
 }
 
 #[test]
@@ -73,7 +66,7 @@ fn a_model_is_trained_carried_on_and_trained_further() {
     for file in ["a.safetensors", "a.checkpoint", "a.csv"] {
         assert!(folder.path().join(file).is_file(), "{file}");
     }
-    assert!(message(&train(folder.path(), "a.safetensors", &[])).contains("--resume"));
+    assert!(failure(&train(folder.path(), "a.safetensors", &[])).contains("--resume"));
     assert!(
         trained(folder.path(), "a.safetensors", &["--resume", "--steps", "6"]).contains("resumed at step 4")
     );
@@ -144,12 +137,11 @@ fn every_kind_learns_one_trajectory_by_heart_and_is_validated() {
         std::fs::write(folder.path().join("config.toml"), config).unwrap();
         let name = format!("{kind}.safetensors");
         trained(folder.path(), &name, &["--steps", "1000", "--threads", "1", "--json", "f.json"]);
-        let text = std::fs::read_to_string(folder.path().join("f.json")).unwrap();
-        let figures: serde_json::Value = serde_json::from_str(&text).unwrap();
-        let rmse = |who: &str| figures[who]["rmse_1"].as_f64().unwrap();
+        let found = figures(folder.path().join("f.json"));
+        let rmse = |who: &str| found[who]["rmse_1"].as_f64().unwrap();
         let left = rmse("model") / rmse("persistence");
         println!("{kind}: {left:.4} of persistence");
-        assert!(left < 0.05, "{kind}: {text}");
+        assert!(left < 0.05, "{kind}: {found}");
         let said = m4gn(folder.path(), &["info", &name]);
         let network = said.lines().find(|l| l.starts_with("architecture ")).unwrap();
         assert!(network.contains(&format!("kind {kind}, ")) && network.contains("width 32"), "{said}");
@@ -189,10 +181,7 @@ fn a_training_and_a_validation_measure_alike() {
             folder.path(),
             &["validate", "--model", &out, "--data", "data", "--split", "valid", "--json", "v.json"],
         );
-        let read = |name: &str| {
-            serde_json::from_slice::<serde_json::Value>(&std::fs::read(at(name)).unwrap()).unwrap()
-        };
-        let (training, validation) = (read("f.json"), read("v.json"));
+        let (training, validation) = (figures(at("f.json")), figures(at("v.json")));
         let log = std::fs::read_to_string(at(&format!("{output}.csv"))).unwrap();
         let (head, last) = (log.lines().next().unwrap(), log.lines().last().unwrap());
         let of_log = |column: &str| -> f64 {
@@ -222,7 +211,7 @@ fn a_training_has_its_files_for_itself() {
     let folder = folder();
     // Of another ending, with the same checkpoint and log
     let held = m4gn_base::lock::file(&folder.path().join("a.checkpoint")).unwrap();
-    let refused = message(&train(folder.path(), "a.safetensors", &["--steps", "4"]));
+    let refused = failure(&train(folder.path(), "a.safetensors", &["--steps", "4"]));
     let expected = format!("a.checkpoint: is being written by process {} on ", std::process::id());
     assert!(refused.contains(&expected), "{refused}");
     assert!(!folder.path().join("a.csv").exists() && !folder.path().join("a.safetensors").exists());
@@ -259,18 +248,16 @@ fn a_model_says_what_it_was_trained_on_and_an_older_one_can_be_told() {
     let new = Model::read(folder.path().join("new.safetensors")).unwrap();
     assert_eq!((new.spec.resolution, &new.spec.segments), (None, &model.spec.segments));
     assert_eq!(new.spec.trained_on, Some(ranges));
-    let figures = std::fs::read(folder.path().join("new.json")).unwrap();
-    let figures: serde_json::Value = serde_json::from_slice(&figures).unwrap();
-    assert_eq!(figures["trained_on"]["inputs"][1]["field"], "p");
+    assert_eq!(figures(folder.path().join("new.json"))["trained_on"]["inputs"][1]["field"], "p");
     assert_eq!((&new.tensors, &new.spec.training), (&model.tensors, &model.spec.training));
     assert!(!folder.path().join("new.checkpoint").exists());
-    let said = message(&train(
+    let said = failure(&train(
         folder.path(),
         "a.safetensors",
         &["--resume", "--from", "old.safetensors", "--steps", "0"],
     ));
     assert!(said.contains("a.checkpoint holds an earlier training"), "{said}");
-    let said = message(&train(folder.path(), "b.safetensors", &["--steps", "0"]));
+    let said = failure(&train(folder.path(), "b.safetensors", &["--steps", "0"]));
     assert!(said.contains("--from MODEL"), "{said}");
 }
 
@@ -279,20 +266,20 @@ fn a_calibrated_model_says_how_its_errors_grow() {
     let folder = folder();
     trained(folder.path(), "a.safetensors", &["--steps", "4"]);
     let calibrate = |model: &str, extra: &[&str]| {
-        Command::new(env!("CARGO_BIN_EXE_m4gn"))
+        program::m4gn()
             .current_dir(folder.path())
             .args(["calibrate", "--data", "data", "--split", "all", "--starts", "2", "--model", model])
             .args(extra)
             .output()
             .unwrap()
     };
-    let said = message(&calibrate("a.safetensors", &["--check"]));
+    let said = failure(&calibrate("a.safetensors", &["--check"]));
     assert!(said.contains("no calibration to check"), "{said}");
     let most = calibrate("a.safetensors", &["--strides", "1", "--coverage", "0.99"]);
     let said = String::from_utf8_lossy(&most.stdout);
     let expected = "3 trajectories cannot tell of more than 0.750; a coverage of 0.99 takes at least 99";
     assert!(most.status.success() && said.contains(expected), "{most:?}");
-    let said = message(&calibrate("a.safetensors", &["--strides", "1000"]));
+    let said = failure(&calibrate("a.safetensors", &["--strides", "1000"]));
     assert!(said.contains("ask for fewer"), "{said}");
 
     let options = ["--strides", "2", "--coverage", "0.5", "--out", "b.safetensors", "--json", "b.json"];
@@ -307,8 +294,7 @@ fn a_calibrated_model_says_how_its_errors_grow() {
         assert_eq!((growth.field.as_str(), growth.factors.len()), (field, 2));
         assert!(0.0 < growth.factors[0] && growth.factors[0] <= growth.factors[1], "{growth:?}");
     }
-    let figures = std::fs::read_to_string(folder.path().join("b.json")).unwrap();
-    let figures: serde_json::Value = serde_json::from_str(&figures).unwrap();
+    let figures = figures(folder.path().join("b.json"));
     // Of 6 rollouts, of weight 1/8 each, the fourth ratio: 4 of 6 are within, and more after two strides where factors would fall
     assert!(figures["covered"][0][0].as_f64().unwrap() > 0.66, "{figures}");
     let checked = calibrate("b.safetensors", &["--check"]);
@@ -341,7 +327,7 @@ fn a_limit_of_the_address_space_is_an_error_with_a_message() {
             .args(["--out", "limited.safetensors"])
             .output()
             .unwrap();
-        let said = message(&output);
+        let said = failure(&output);
         assert!(said.contains("003.h5") && said.contains("ulimit -v"), "{kilobytes}: {said}");
     }
 }
@@ -349,10 +335,10 @@ fn a_limit_of_the_address_space_is_an_error_with_a_message() {
 #[test]
 fn backends_and_devices_that_do_not_go_together_are_refused() {
     let folder = folder();
-    let said = message(&train(folder.path(), "a.safetensors", &["--backend", "jax"]));
+    let said = failure(&train(folder.path(), "a.safetensors", &["--backend", "jax"]));
     assert!(said.contains("expected native or torch"), "{said}");
     let options = ["--backend", "native", "--device", "cuda"];
-    let said = message(&train(folder.path(), "a.safetensors", &options));
+    let said = failure(&train(folder.path(), "a.safetensors", &options));
     assert!(said.contains("use --backend torch"), "{said}");
 }
 
@@ -372,9 +358,9 @@ fn libtorch_ends_with_its_own_status() {
     trained(folder.path(), "a.safetensors", &options);
     // What one backend began the other carries on.
     trained(folder.path(), "a.safetensors", &["--resume", "--steps", "6"]);
-    assert!(message(&train(folder.path(), "a.safetensors", &options)).contains("--resume"));
+    assert!(failure(&train(folder.path(), "a.safetensors", &options)).contains("--resume"));
     let options = ["--backend", "torch", "--device", "gpu"];
-    assert!(message(&train(folder.path(), "b.safetensors", &options)).contains("cuda:N"));
+    assert!(failure(&train(folder.path(), "b.safetensors", &options)).contains("cuda:N"));
 }
 
 /// Each of these ended with SIGSEGV (139), when the library was unloaded before PETSc's handlers at the end of the process.
@@ -402,13 +388,13 @@ fn libtorch_ends_with_its_own_status_on_ctrl_c_a_full_disk_and_bad_data() {
     }
     let id = running.id().to_string();
     assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
-    let said = message(&running.wait_with_output().unwrap());
+    let said = failure(&running.wait_with_output().unwrap());
     assert!(said.contains("interrupted at step") && said.contains("--resume"), "{said}");
     assert!(path.join("stopped.checkpoint").is_file());
 
     // Files may have 8 KiB: the first checkpoint does not fit
     let full = torch("full.safetensors", "ulimit -f 8;", "4").output().unwrap();
-    let said = message(&full);
+    let said = failure(&full);
     assert!(said.contains("full.") && said.contains("File too large"), "{said}");
     let left: Vec<_> = std::fs::read_dir(path)
         .unwrap()
@@ -422,7 +408,7 @@ fn libtorch_ends_with_its_own_status_on_ctrl_c_a_full_disk_and_bad_data() {
     let half = bytes.len() / 2;
     bytes.truncate(half);
     std::fs::write(&damaged, bytes).unwrap();
-    let said = message(&torch("bad.safetensors", "", "4").output().unwrap());
+    let said = failure(&torch("bad.safetensors", "", "4").output().unwrap());
     assert!(said.contains("000.h5"), "{said}");
 }
 
@@ -440,7 +426,7 @@ fn a_training_on_libtorch_that_diverges_keeps_what_was_good() {
     let wild = "learning_rate = 1e37\nlearning_rate_end = 1e37\ncheckpoint_interval = 400";
     std::fs::write(&config, tame.replace("learning_rate = 2e-3", wild)).unwrap();
     let carried_on = ["--resume", "--backend", "torch", "--steps", "400"];
-    let said = message(&train(folder.path(), "a.safetensors", &carried_on));
+    let said = failure(&train(folder.path(), "a.safetensors", &carried_on));
     assert!(said.contains("diverged") && said.contains("Lower learning_rate"), "{said}");
     assert!(files() == good, "what was good was overwritten");
 }
@@ -458,7 +444,7 @@ fn without_the_library_the_message_says_what_builds_it() {
         .args(["--out", "a.safetensors", "--backend", "torch"])
         .output()
         .unwrap();
-    let said = message(&output);
+    let said = failure(&output);
     assert!(
         said.contains(LIBRARY.file) && said.contains("type setup/all.sh") && !said.contains("Allrun"),
         "{said}"
