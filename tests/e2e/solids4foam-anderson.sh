@@ -40,7 +40,6 @@ while read -r ranks name material traction part held; do
     close_to ../end 1e-6 0.04/D
 done <<'EOD'
 1 linearGeometryTotalDisplacement linearElastic 200 0.35 fixedDisplacement
-2 linearGeometryTotalDisplacement linearElastic 200 0.35 fixedDisplacement
 1 nonLinearGeometryTotalLagrangianTotalDisplacement neoHookeanElastic 2000 0.35 fixedDisplacement
 1 linearGeometry linearElastic 200 0.35 fixedDisplacement
 1 nonLinearGeometryTotalLagrangian neoHookeanElastic 2000 0.35 fixedDisplacement
