@@ -8,8 +8,6 @@ own="$good $small"
 expect_error 'tua: unknown entry, expected one of backend,' "$own tua 3;"
 expect_log 'Other entries that it may have: .*solverSteps'
 expect_errors <<EOD
-$own nodeTypes { inlt inlet; } => fit no patch
-$own nodeTypes { inlet inlt; } => the type inlt
 mode replce; $small => mode: expected observe or replace, found replce; is replace meant
 mode replace; surrogates (dmd); dmd { keep no; file states; } => dmd.file: unknown entry
 $good model missing.safetensors; => There is no model

@@ -13,7 +13,6 @@ groups=$(sed -n 's/^m4gn: model .* segments, \([0-9]*\) groups of cells, ready i
 [ "$groups" -gt 20 ] && [ $((groups*4)) -lt $((cells*3)) ] || fail "$groups groups of $cells cells"
 mv 0/m4gnGroup ..
 clean_case
-clean_case
 solve 2
 cmp <(values ../m4gnGroup) <(values 0/m4gnGroup) || fail "two ranks have other groups"
 for p in processor0 processor1; do [ -f $p/0/m4gnGroup ] || fail "$p has no groups"; done

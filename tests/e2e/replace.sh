@@ -41,7 +41,7 @@ same_on_two_ranks 1e-4 0.04/{U,p}
 beside=$(drag forces)
 laminar
 sed -i 's/^PISO/PIMPLE { nCorrectors 2; nOuterCorrectors 1; }\nPISO/; s/^    U$/    "(U|UFinal)"/' system/fvSolution
-for solver in icoFoam pisoFoam pimpleFoam; do
+for solver in pisoFoam pimpleFoam; do
     for scheme in Euler backward; do
         ddt_scheme $scheme
         control application $solver
