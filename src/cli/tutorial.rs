@@ -30,7 +30,8 @@ pub fn run(args: Args) -> Result<()> {
     let script = folders.iter().map(|f| f.join(&args.name).join("Allrun")).find(|f| f.is_file());
     let Some(script) = script.filter(|_| !args.name.contains('/')) else {
         let entries = folders.iter().filter_map(|f| std::fs::read_dir(f).ok()).flatten().flatten();
-        let mut names: Vec<String> = entries.filter_map(|e| e.file_name().into_string().ok()).collect();
+        let tutorials = entries.filter(|e| e.path().join("Allrun").is_file());
+        let mut names: Vec<String> = tutorials.filter_map(|e| e.file_name().into_string().ok()).collect();
         names.sort();
         names.dedup();
         return Err(Error::Input(format!("'{}' is no tutorial: expected {}", args.name, names.join(", "))));
