@@ -6,7 +6,7 @@
 
 # cavity FOLDER: a driven cavity without a mesh, whose lid speed and number of cells are parameters once its files are told so
 cavity() {
-    mkdir -p "$1/0" "$1/system" "$1/constant"
+    mkdir -p "$1"/{0,constant,system}
     cd "$1"
     control_dict icoFoam 2 0.005 timeStep 20 10
     cat > system/functions <<'EOD'
@@ -17,39 +17,14 @@ mean
     type volFieldValue; libs (fieldFunctionObjects); regionType all; operation volAverage; fields (mag(U)); writeFields no; log no;
 }
 EOD
-    { header fvSchemes; cat <<'EOD'; } > system/fvSchemes
-ddtSchemes { default Euler; }
-gradSchemes { default Gauss linear; }
-divSchemes { default none; div(phi,U) Gauss linear; }
-laplacianSchemes { default Gauss linear orthogonal; }
-interpolationSchemes { default linear; }
-snGradSchemes { default orthogonal; }
-EOD
-    { header fvSolution; cat <<'EOD'; } > system/fvSolution
-solvers
-{
-    p { solver PCG; preconditioner DIC; tolerance 1e-8; relTol 0; }
-    pFinal { $p; }
-    U { solver smoothSolver; smoother symGaussSeidel; tolerance 1e-8; relTol 0; }
-}
-PISO { nCorrectors 2; nNonOrthogonalCorrectors 0; pRefCell 0; pRefValue 0; }
-EOD
+    schemes
+    solvers 1e-8 0
     { header transportProperties; echo 'nu 0.01;'; } > constant/transportProperties
-    { header U volVectorField; cat <<'EOD'; } > 0/U
-dimensions [0 1 -1 0 0 0 0];
-internalField uniform (0 0 0);
-boundaryField
-{
-    lid { type fixedValue; value uniform (1 0 0); }
-    walls { type noSlip; }
-    frontAndBack { type empty; }
-}
-EOD
-    { header p volScalarField; cat <<'EOD'; } > 0/p
-dimensions [0 2 -2 0 0 0 0];
-internalField uniform 0;
-boundaryField { lid { type zeroGradient; } walls { type zeroGradient; } frontAndBack { type empty; } }
-EOD
+    field U volVectorField '0 1 -1 0 0 0 0' '(0 0 0)' '
+lid { type fixedValue; value uniform (1 0 0); }
+walls { type noSlip; } frontAndBack { type empty; }
+'
+    field p volScalarField '0 2 -2 0 0 0 0' 0 '"(lid|walls)" { type zeroGradient; } frontAndBack { type empty; }'
     block '0.1 0.1 0.01' '20 20 1' 'lid { type wall; faces (TOP); } walls { type wall; faces (LEFT RIGHT BOTTOM); }
         frontAndBack { type empty; faces (BACK FRONT); }'
     rm -rf constant/polyMesh log.run
@@ -84,7 +59,7 @@ refused 'uses the parameter Ulid' m4gn campaign init cavity --out study --parame
 expect_log '#include "<system>/simulationParameters"' '0/U, line .*: lid { type fixedValue; value uniform (1 0 0); }'
 [ "$(find cavity study -type f -exec md5sum {} + 2> log.find | sort)" = "$before" ] || fail "a refused init wrote something"
 # shellcheck disable=SC2016  # names of OpenFOAM
-sed -i 's/uniform (1 0 0)/uniform ($Ulid 0 0)/; s/^dimensions/#include "<system>\/simulationParameters"\n&/' cavity/0/U
+sed -i 's/uniform (1 0 0)/uniform ($Ulid 0 0)/; s/ dimensions/\n#include "<system>\/simulationParameters"\ndimensions/' cavity/0/U
 # shellcheck disable=SC2016
 sed -i 's/(20 20 1)/($n $n 1)/' cavity/system/blockMeshDict
 # What controlDict includes is not there yet
