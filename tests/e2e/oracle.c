@@ -65,8 +65,6 @@ int32_t m4gn_recorder_new(
     int32_t comm, const m4gn_mesh_data* mesh, const char* options, const m4gn_field_info* fields, int32_t n_fields,
     m4gn_recorder** recorder)
 {
-    (void)comm;
-    (void)options;
     if (n_fields > MAX_FIELDS)
     {
         message = "too many fields";
@@ -89,8 +87,6 @@ int32_t m4gn_recorder_new(
 int32_t m4gn_recorder_append(
     m4gn_recorder* r, double time, const double* const* cells, const double* const* boundary)
 {
-    (void)time;
-    (void)boundary;
     for (int32_t i = 0; i < r->header.n_fields; ++i)
     {
         const size_t n = r->header.components[i]*r->header.n_cells;
@@ -126,37 +122,27 @@ struct m4gn_session
 int32_t m4gn_solid_modes_new(
     int32_t comm, const m4gn_solid* body, const char* options, m4gn_modes** modes)
 {
-    (void)comm;
-    (void)body;
-    (void)options;
     *modes = NULL;
     return M4GN_OK;
 }
-void m4gn_modes_free(m4gn_modes* modes) { (void)modes; }
-int32_t m4gn_modes_count(const m4gn_modes* modes) { (void)modes; return 0; }
-int32_t m4gn_modes_eigenvalues(const m4gn_modes* modes, double* values) { (void)modes; (void)values; return M4GN_OK; }
+void m4gn_modes_free(m4gn_modes* modes) {}
+int32_t m4gn_modes_count(const m4gn_modes* modes) { return 0; }
+int32_t m4gn_modes_eigenvalues(const m4gn_modes* modes, double* values) { return M4GN_OK; }
 int32_t m4gn_modes_vector(const m4gn_modes* modes, int32_t index, double* vector)
 {
-    (void)modes;
-    (void)index;
-    (void)vector;
     return M4GN_ERROR_INPUT;
 }
 /* The model is the recording: nothing of a file is read. */
 int32_t m4gn_model_open(int32_t comm, const char* path, m4gn_model** model)
 {
-    (void)comm;
-    (void)path;
     *model = NULL;
     return M4GN_OK;
 }
-void m4gn_model_free(m4gn_model* model) { (void)model; }
-int32_t m4gn_model_elastic_modes(const m4gn_model* model) { (void)model; return 0; }
+void m4gn_model_free(m4gn_model* model) {}
+int32_t m4gn_model_elastic_modes(const m4gn_model* model) { return 0; }
 
 int32_t m4gn_options_check(const char* kind, const char* options)
 {
-    (void)kind;
-    (void)options;
     return M4GN_OK;
 }
 
@@ -197,9 +183,6 @@ int32_t m4gn_session_new(
     int32_t comm, const m4gn_mesh_data* mesh, const m4gn_model* model, const char* options, const int32_t* cell_segment,
     m4gn_session** session)
 {
-    (void)model;
-    (void)options;
-    (void)cell_segment;
     m4gn_session* s = calloc(1, sizeof(*s));
     s->comm = comm;
     FILE* file = recording("rb");
@@ -240,12 +223,11 @@ void m4gn_session_free(m4gn_session* s)
 
 double m4gn_session_stride(const m4gn_session* s)
 {
-    (void)s;
     return atof(variable("ORACLE_STRIDE", "0.05"));
 }
 
-int32_t m4gn_session_n_segments(const m4gn_session* s) { (void)s; return 1; }
-int32_t m4gn_session_n_groups(const m4gn_session* s) { (void)s; return 0; }
+int32_t m4gn_session_n_segments(const m4gn_session* s) { return 1; }
+int32_t m4gn_session_n_groups(const m4gn_session* s) { return 0; }
 int32_t m4gn_session_n_fields(const m4gn_session* s) { return s->header.n_fields; }
 
 int32_t m4gn_session_field(const m4gn_session* s, int32_t index, m4gn_field_info* info)
@@ -266,22 +248,16 @@ int32_t m4gn_session_segments(const m4gn_session* s, int32_t* cell_segment)
 
 int32_t m4gn_session_groups(const m4gn_session* s, int32_t* cell_group)
 {
-    (void)s;
-    (void)cell_group;
     return M4GN_ERROR_INPUT;
 }
 
 const char* m4gn_session_segment_record(const m4gn_session* s)
 {
-    (void)s;
     return "";
 }
 
 int32_t m4gn_session_outside(const m4gn_session* s, int32_t* count, char* why, int32_t why_size)
 {
-    (void)s;
-    (void)why;
-    (void)why_size;
     *count = 0;
     return M4GN_OK;
 }
@@ -290,12 +266,6 @@ int32_t m4gn_segments_fit(
     int32_t comm, const m4gn_mesh_data* mesh, const m4gn_model* model, const char* options, const int32_t* cell_segment,
     const char* record, int32_t* fit, char* why, int32_t why_size)
 {
-    (void)comm;
-    (void)mesh;
-    (void)model;
-    (void)options;
-    (void)cell_segment;
-    (void)record;
     *fit = 1;
     if (why_size > 0) why[0] = 0;
     return M4GN_OK;
@@ -417,7 +387,6 @@ int32_t m4gn_ride_new(
     found.own = &own;
     int32_t (*begin)(int32_t, const m4gn_host*, const char*, const m4gn_ride_step*, m4gn_ride**) =
         (int32_t(*)(int32_t, const m4gn_host*, const char*, const m4gn_ride_step*, m4gn_ride**))real("m4gn_ride_new");
-    (void)comm;
     const int32_t status = begin(s->comm, &found, options, start, ride);
     if (status != M4GN_OK) message = ((const char* (*)(void))real("m4gn_last_error"))();
     return status;
