@@ -204,7 +204,7 @@ void fits()
     REQUIRE(other.ride.stride().action != M4GN_RIDE_ADVANCE);
 }
 
-// Arrays that are no state.
+// Arrays that are no state, beside those that tests/odds hands in on one rank of several.
 void refusesArrays()
 {
     Channel mesh(6, 4);
@@ -239,33 +239,19 @@ void refusesArrays()
         const auto refused = [&](void (*change)(Arrays&), const char* why) {
             return with(change, options) == M4GN_ERROR_INPUT && contains(message, why);
         };
-        REQUIRE(refused([](Arrays& a) { a[1].n = -1; }, "p"));
         REQUIRE(refused([](Arrays& a) { a[1].n = INT64_MAX; }, "p"));
-        REQUIRE(refused([](Arrays& a) { a[1].components = 0; }, "p"));
         REQUIRE(refused([](Arrays& a) { a[1].components = -3; }, "p"));
         REQUIRE(refused([](Arrays& a) { a[0].solved = 0; }, "U"));
-        REQUIRE(refused([](Arrays& a) { a[0].solved = 4; }, "U"));
         REQUIRE(refused([](Arrays& a) { a[1].place = 5; }, "place"));
-        REQUIRE(refused([](Arrays& a) { a[1].place = -1; }, "place"));
         REQUIRE(refused([](Arrays& a) { a[1].role = 5; }, "role"));
-        REQUIRE(refused([](Arrays& a) { a[1].role = -1; }, "role"));
-        REQUIRE(refused([](Arrays& a) { a[1].name = nullptr; }, "name"));
-        REQUIRE(refused([](Arrays& a) { a[1].name = ""; }, "name"));
         REQUIRE(refused([](Arrays& a) { a[1].name = "\xff"; }, "name"));
-        REQUIRE(refused([](Arrays& a) { a.push_back(a[2]); }, "U"));
-        REQUIRE(refused([](Arrays& a) { a[1].floor = NAN; }, "floor"));
         REQUIRE(refused([](Arrays& a) { a.clear(); }, ""));
     }
-    // Of a network those of its mesh, all that it reads.
-    REQUIRE(with([](Arrays& a) { a[1].n = 3; }, network) == M4GN_ERROR_INPUT && contains(message, "p"));
+    // Of a network all that it reads, of its mesh; of a fit some that it is made of.
     REQUIRE(with([](Arrays& a) { a[3].n = 3; }, network) == M4GN_ERROR_INPUT && contains(message, "p"));
-    REQUIRE(with([](Arrays& a) { a[1].name = "T"; }, network) == M4GN_ERROR_INPUT && contains(message, "p"));
     REQUIRE(with([](Arrays& a) { a[3].name = "T"; }, network) == M4GN_ERROR_INPUT && contains(message, "p"));
     REQUIRE(with([](Arrays& a) { a[0].components = 1; }, network) == M4GN_ERROR_INPUT);
-    // Of a fit some that it is made of, with weights that are some.
     REQUIRE(with([](Arrays& a) { a[0].role = M4GN_CARRIED; }, dmd) == M4GN_ERROR_INPUT);
-    static const std::vector<double> wrong(24, -1);
-    REQUIRE(with([](Arrays& a) { a[0].weights = wrong.data(); }, dmd) == M4GN_ERROR_INPUT);
 }
 
 } // namespace
