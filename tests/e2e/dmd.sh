@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# m4gnSurrogate with surrogates (dmd): no model; against the plain run, on two ranks, carried on, refused where it cannot be.
+# m4gnSurrogate with surrogates (dmd): no model; against the plain run, on two ranks, refused where it cannot be. verify.sh and restart.sh carry such runs
+# on.
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case endTime 4 writeInterval 0.25 writeFormat binary
 set_entries system/fvSolution tolerance 1e-7 relTol 0.05
@@ -27,7 +28,7 @@ replaces 0.2 icoFoam
 jumps=$(grep -vc '^#' postProcessing/test/0/surrogate.dat)
 # What is handed back is as free of divergence as the solver's own, and so is the solver's next step
 below "$(largest log.run)" "$(calc "1.5*$plain")" "largest continuity error"
-keep whole [0-9]* postProcessing
+keep whole 4
 # What does not oscillate is the flow with its largest wave
 found=$(ls -d [0-9]*/'mode1Imaginary(U)' | sort -n | tail -n 1)
 ascii "${found%/*}"
@@ -50,13 +51,6 @@ for folder in plain/4 plain/2 whole/4; do
 done
 hold=$(difference ../U.plain.4 ../U.plain.2)
 below "$(difference ../U.plain.4 ../U.whole.4)" "$(calc "0.2*$hold")" "largest error of U after $jumps jumps"
-
-# Carried on behind a step of the solver, and in a jump
-for time in 2.25 3; do
-    carry_on $time
-    same_bytes ../whole 4/{U,p,phi}
-done
-control startTime 0
 
 # Two ranks
 clean_case
