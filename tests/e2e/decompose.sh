@@ -48,10 +48,10 @@ same_answer() {
     echo "$what: the same segments, eigenvalues to $(cat ../worst)"
 }
 
-# all_decompositions NAME K RANKS...
+# all_decompositions NAME SEGMENTS RANKS...: of segments with these entries
 all_decompositions() {
     local np cells
-    printf 'type m4gnSegments; libs (m4gnFoam); recompute yes; segments { count %s; modes 6; }\n' "$2" > system/m4gnSegments
+    echo "type m4gnSegments; libs (m4gnFoam); recompute yes; segments { modes 6; $2 }" > system/m4gnSegments
     grep -q '^libs' system/controlDict || echo 'libs (m4gnFoam);' >> system/controlDict
     reference
     cells=$(values ../serial/m4gnSegment | wc -l)
@@ -66,20 +66,21 @@ all_decompositions() {
     # Segments that are stored
     for np in "${@:3}"; do
         cp ../serial/m4gnSegment 0
-        decompose_by "$np" m4gn "m4gnCoeffs { count $2; }"
+        decompose_by "$np" m4gn "m4gnCoeffs { $2 }"
         expect_log 'segments read from 0/m4gnSegment'
         [ "$(straddling)" -eq 0 ] || fail "$1, $np ranks: segments on several ranks"
         same_answer "$np" "$1, m4gn, $np ranks"
     done
     # Segments that the method itself computes
     rm -f 0/m4gn*
-    decompose_by 3 m4gn "m4gnCoeffs { count $2; }"
+    decompose_by 3 m4gn "m4gnCoeffs { $2 }"
     cmp <(values ../serial/m4gnSegment) <(values 0/m4gnSegment) || fail "decomposePar stored other segments"
     [ "$(straddling)" -eq 0 ] || fail "segments on several ranks"
 }
 
 make_case cylinder
-all_decompositions cylinder 16 2 3 4
+# The method that looks at all: modes, and distances to an obstacle
+all_decompositions cylinder 'count 16; method slic-mdode; obstacles (cylinder); distanceScale 0.1;' 2 3 4
 cd "$work"
 cp -r "$M4GN_HOME/tests/e2e/igloo" igloo
 mkdir igloo/0 igloo/constant
@@ -88,4 +89,4 @@ runs blockMesh
 runs snappyHexMesh -overwrite
 runs checkMesh
 [ "$(sed -n 's/^ *polyhedra: *//p' log.run)" -gt 300 ] || fail "the igloo has no polyhedra"
-all_decompositions igloo 24 3
+all_decompositions igloo 'count 24;' 3
