@@ -120,7 +120,7 @@ control startFrom startTime writeFormat ascii
 # Two ranks end as one
 clean_case
 averages 'stop yes; minTime 0.5;'
-on_two_ranks icoFoam
+solve 2
 grep -q 'all figures of averages are known' log.run || fail "two ranks know less than one"
 
 # So do two ranks whose files are in one folder, which carry on; values that are published seldom count once; the series are kept whatever writeControl says

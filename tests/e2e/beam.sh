@@ -28,7 +28,7 @@ done
 # Two ranks, until just after the first jump
 cd ../parallel
 control endTime 0.405
-on_two_ranks solidDisplacementFoam
+solve 2
 runs reconstructPar
 below "$(difference ../hybrid/0.4/D 0.4/D)" 1e-3 "D at 0.4 on two ranks"
 

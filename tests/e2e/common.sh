@@ -345,8 +345,6 @@ solve() {
     fi
 }
 
-on_two_ranks() { runs decomposePar -force; runs mpirun -np 2 "$1" -parallel; }
-
 # ride ENTRIES...: the case anew with m4gnSurrogate of these entries; record ENTRIES...: with m4gnRecorder.
 ride() { clean_case && surrogate "$@" && solve; }
 record() { clean_case && recorder "$@" && solve; }

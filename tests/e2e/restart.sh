@@ -35,10 +35,6 @@ from() {
     done
     control startTime "$time"
 }
-whole() {
-    rm -rf ../whole && mkdir ../whole
-    cp -r "$@" ../whole
-}
 
 for control in '' 'control { tolerance 1000; relTol 1000; }' 'control { tolerance 0.09; relTol 1000; }'; do
     surrogate "$control"
@@ -46,7 +42,7 @@ for control in '' 'control { tolerance 1000; relTol 1000; }' 'control { toleranc
     runs icoFoam
     # The solver's first write times after the jump that ends at 1.08
     [ -n "$control" ] || { [ -d 1.1 ] && [ -d 1.15 ]; } || { ls; fail "write times after a jump are lost"; }
-    whole [0-9]*
+    keep whole [0-9]*
     steps=$(entry surrogate_steps 0)
     replaced=$(entry replaced_fraction 0)
     [ "$steps" -ge 4 ] || fail "the test's run has $steps surrogate steps only: $control"
@@ -86,8 +82,8 @@ refused 'test.state' icoFoam
 # Two ranks
 surrogate 'control { tolerance 0.09; relTol 1000; }'
 anew
-on_two_ranks icoFoam
-whole processor0 processor1
+solve 2
+keep whole processor0 processor1
 for time in 0.5 0.6 0.8; do
     from $time processor0 processor1
     runs mpirun -np 2 icoFoam -parallel
@@ -158,12 +154,12 @@ finished=0
 # Where the surrogate's times are not write times, those of a run that starts there are others: OpenFOAM counts them from its start
 sed -i 's/solverSteps 40/solverSteps 25/' system/functions
 anew
-on_two_ranks icoFoam
-whole processor0 processor1
+solve 2
+keep whole processor0 processor1
 killed 8 1 'processor0 processor1' mpirun -np 2 icoFoam -parallel
 anew
 runs icoFoam
-whole [0-9]*
+keep whole [0-9]*
 killed 12 0.4 . icoFoam
 # A fit, and its states in a file of their own that grows
 function_object m4gnSurrogate 'mode replace; surrogates (dmd); timeStart 0.5; control { tolerance 1000; relTol 1000; }
@@ -181,7 +177,7 @@ for ranks in 1 3; do
     steps=$(entry surrogate_steps 0)
     [ "$steps" -ge 20 ] || fail "the dmd surrogate took $steps strides only"
     # shellcheck disable=SC2046,SC2086
-    whole $([ $ranks -eq 1 ] && echo [0-9]* || echo $folders)
+    keep whole $([ $ranks -eq 1 ] && echo [0-9]* || echo $folders)
     # shellcheck disable=SC2086
     killed 4 0.$((3*ranks)) "$folders" $run
 done
