@@ -58,13 +58,14 @@ const CALLS: [&str; 26] = [
     "finalize",
 ];
 
-/// What is tried of a call on so many ranks. A kill is at the first collective operation of a call, at the middle one, or
-/// at the last; not all on all numbers of ranks, as each takes a start of mpirun.
+/// What is tried of a call on so many ranks. A kill is at the first collective operation of a call or at the middle one; not
+/// both on all numbers of ranks, as each takes a start of mpirun.
 fn kinds(call: &str, ranks: usize) -> &'static [&'static str] {
     match (call, ranks) {
         // They have nothing that could be odd, and no operation in which a rank could panic.
-        ("session_free" | "recorder_free" | "ride_free" | "finalize", _) => &["kill_first"],
-        (_, 2) => &["odds", "kill_first", "kill_last"],
+        ("session_free" | "recorder_free" | "ride_free" | "finalize", 2) => &["kill_first"],
+        ("session_free" | "recorder_free" | "ride_free" | "finalize", _) => &[],
+        (_, 2) => &["odds", "kill_first"],
         _ => &["odds", "kill_middle"],
     }
 }
@@ -221,12 +222,10 @@ fn worker(asked: &str) -> ExitCode {
 fn killed(bench: &Bench, call: &str, kind: &str) -> String {
     let world = &bench.world;
     let (first, last) = (0, world.size() - 1);
-    let operations = || bench.run(call, None, None).operations;
     // Others wait for the first rank in another way than for the last.
     let (rank, at) = match kind {
         "kill_first" => (last, 0),
-        "kill_middle" => (first, operations() / 2),
-        _ => (last, operations() - 1),
+        _ => (first, bench.run(call, None, None).operations / 2),
     };
     let odd = world.rank() == rank;
     if odd {
