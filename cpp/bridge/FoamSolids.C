@@ -6,7 +6,6 @@
 #include "IOdictionary.H"
 #include "leastSquaresGrad.H"
 #include "m4gnSegmentField.H"
-#include "m4gnStaleNote.H"
 
 namespace
 {

@@ -34,12 +34,7 @@ const SOURCES: &[&str] = &[
 ];
 
 /// What they include, beside the header of each.
-const HEADERS: &[&str] = &[
-    "FoamData.H",
-    "../include/m4gn.h",
-    "../../openfoam/case/m4gnStaleNote.H",
-    "../../openfoam/case/m4gnVersion.H",
-];
+const HEADERS: &[&str] = &["FoamData.H", "../include/m4gn.h", "../../openfoam/case/m4gnVersion.H"];
 
 fn stop(message: &str) -> ! {
     eprintln!("error: the OpenFOAM bridge cannot be built: {message}.\n{HINT}");

@@ -156,11 +156,9 @@ void Foam::m4gnFlowCompletion::advance(const m4gnState& predicted, const scalar)
 
     // Conditions that look at phi (inletOutlet) now see the new one, and those of the coefficients see k
     for (const bool ofCoefficients : {false, true}) {
-        forAll(session_.outputs(), outputi) {
-            const word& name = session_.outputs()[outputi];
-
-            if (session_.outputComponents(outputi) == 3) {
-                mesh_.lookupObjectRef<volVectorField>(name).correctBoundaryConditions();
+        for (const word& name : session_.outputs()) {
+            if (auto* field = mesh_.getObjectPtr<volVectorField>(name)) {
+                field->correctBoundaryConditions();
             } else if (coefficients.found(name) == ofCoefficients) {
                 correctBoundary(name);
             }

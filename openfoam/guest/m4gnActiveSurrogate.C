@@ -6,16 +6,7 @@ Foam::DynamicList<const Foam::m4gnActiveSurrogate*> Foam::m4gnActiveSurrogate::a
 
 Foam::m4gnActiveSurrogate::m4gnActiveSurrogate(const word& name) : replacerName_(name) { all_.append(this); }
 
-Foam::m4gnActiveSurrogate::~m4gnActiveSurrogate()
-{
-    DynamicList<const m4gnActiveSurrogate*> left;
-    for (const m4gnActiveSurrogate* other : all_) {
-        if (other != this) {
-            left.append(other);
-        }
-    }
-    all_.transfer(left);
-}
+Foam::m4gnActiveSurrogate::~m4gnActiveSurrogate() { all_.remove(all_.find(this)); }
 
 Foam::word Foam::m4gnActiveSurrogate::before(const scalar time, const m4gnActiveSurrogate* other)
 {

@@ -69,7 +69,6 @@ void Foam::m4gnSession::checkFields()
     inputNames_.transfer(inputs);
 
     DynamicList<word> outputs;
-    DynamicList<label> components;
 
     for (const m4gn_field_info& info : infos) {
         const word name(info.name, false);
@@ -104,12 +103,10 @@ void Foam::m4gnSession::checkFields()
 
         if (info.is_output) {
             outputs.append(name);
-            components.append(found);
         }
     }
 
     outputNames_.transfer(outputs);
-    outputComponents_.transfer(components);
 }
 
 Foam::List<int32_t> Foam::m4gnSession::labels(const labelFunction get) const

@@ -2,7 +2,7 @@
 
 #include "m4gnStaleFields.H"
 #include "m4gnDictionary.H"
-#include "m4gnStaleNote.H"
+#include "m4gnSegmentField.H"
 #include "Time.H"
 #include "IOdictionary.H"
 #include "volFields.H"
