@@ -237,12 +237,10 @@ Foam::word Foam::m4gn::scheme(const dictionary& fvSchemes, const word& group, co
         return word::null;
     }
 
-    const ITstream& stream = schemes.lookup(used);
-
-    // "bounded Euler", "NewmarkBeta 0.25 0.5"
-    for (label i = stream.size() - 1; i >= 0; --i) {
-        if (stream[i].isWord()) {
-            return stream[i].wordToken();
+    // "bounded Euler", "NewmarkBeta 0.25 0.5", "CrankNicolson ocCoeff { type scale; ... }"
+    for (const token& t : schemes.lookup(used)) {
+        if (t.isWord() && t.wordToken() != "bounded") {
+            return t.wordToken();
         }
     }
 

@@ -60,10 +60,12 @@ TEST(noneIsNoDictionary)
         m4gn::isNone(dict("relaxation off;"), "relaxation", "example"), "expected none, or example");
 }
 
-TEST(aSchemeIsItsLastWord)
+TEST(aSchemeIsItsFirstWordButBounded)
 {
-    const dictionary schemes(
-        dict("ddtSchemes { default Euler; ddt(U) bounded backward; ddt(D) NewmarkBeta 0.25 0.5; }"));
+    const dictionary schemes(dict("ddtSchemes { default Euler; ddt(U) bounded backward; ddt(D) NewmarkBeta "
+                                  "0.25 0.5; ddt(k) CrankNicolson"
+                                  " ocCoeff { type scale; scale linearRamp; duration 0.01; value 0.9; }; }"));
+    EXPECT_TEXT(m4gn::scheme(schemes, "ddtSchemes", "ddt(k)"), "CrankNicolson");
     EXPECT_TEXT(m4gn::scheme(schemes, "ddtSchemes", "ddt(U)"), "backward");
     EXPECT_TEXT(m4gn::scheme(schemes, "ddtSchemes", "ddt(D)"), "NewmarkBeta");
     EXPECT_TEXT(m4gn::scheme(schemes, "ddtSchemes", "ddt(T)"), "Euler");
