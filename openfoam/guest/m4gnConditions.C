@@ -231,7 +231,8 @@ void Foam::m4gnConditions::addFields(texts& words, figures& found, const bool va
 
 Foam::m4gnConditions::m4gnConditions(const fvMesh& mesh) : mesh_(mesh)
 {
-    static const wordHashSet others({"controlDict", "decomposeParDict", "blockMeshDict"});
+    // "data" is what linear solvers have done in the last step
+    static const wordHashSet others({"controlDict", "decomposeParDict", "blockMeshDict", "data"});
     const objectRegistry* registries[] = {&mesh.time(), &mesh.thisDb()};
     for (const objectRegistry* registry : registries) {
         const auto ofCase = [&](const IOobject& object) {

@@ -92,6 +92,13 @@ becomes 'recorder { type m4gnRecorder; libs (m4gnFoam); writeControl timeStep; w
 [ "$(rows postProcessing/late/0/surrogateError.dat | awk '$1 > 0.3' | wc -l)" -ge 10 ] || fail "no errors of a surrogate that came into the run"
 expect_log 'recorder is taken out of the run; its recording ends here'
 [ -s postProcessing/recorder/0/trajectory.h5 ] || fail "the recording that was taken out has gone"
+# One that replaces the solver and came into the run is carried on under the same conditions
+becomes '' "$surrogate"
+echo "$surrogate" > system/functions
+control startTime 0.8
+solve
+expect_log 'surrogate goes on from its state at time 0.8'
+expect_silence 'under other conditions'
 # One with a timeEnd that is edited goes on as it was begun
 becomes "${surrogate/surrogateSteps/timeEnd 0.9; surrogateSteps}" "${surrogate/surrogateSteps/timeEnd 0.9; writePrecision 8; surrogateSteps}"
 expect_log 'goes on as it was begun'
