@@ -316,6 +316,10 @@ std::string Foam::m4gnConditions::now(const wordList& fields) const
         put(pair.first, finite ? '[' + list + ']' : std::string("\"not finite\""));
     }
     string told(text + '}');
+    // JSON is UTF-8, and files of a case need not be, nor texts that were cut
+    for (char& c : told) {
+        c = static_cast<unsigned char>(c) < 0x80 ? c : '?';
+    }
     m4gn::broadcast(told);
     return std::string(told);
 }

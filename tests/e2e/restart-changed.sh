@@ -5,6 +5,8 @@
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case endTime 1 writeInterval 0.05 writeFormat binary
 set_entries system/fvSolution tolerance 1e-6 relTol 0.05
+# In Latin-1
+printf 'note "Z\344higkeit";\n' >> constant/transportProperties
 # Always a fit, always a jump
 dmd='mode replace; surrogates (dmd); timeStart 0.3; control { tolerance 1000; relTol 1000; } dmd { snapshotInterval 0.01; window 14;
     minSnapshots 12; fitTolerance 1000; jumpTolerance 1000; initialJump 12; maxJump 12; }'
