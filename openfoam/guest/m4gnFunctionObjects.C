@@ -60,26 +60,24 @@ void Foam::m4gnFunctionObjects::checkDictionary(const dictionary& dict)
     }
 }
 
-Foam::wordHashSet Foam::m4gnFunctionObjects::chosen(
-    const word& name, const Time& time, const dictionary& dict)
+void Foam::m4gnFunctionObjects::check(const word& name, const Time& time, const dictionary& dict)
 {
     const functionObjectList& list = time.functionObjects();
 
-    wordHashSet known, watching, left;
+    wordHashSet known, left;
 
     forAll(list, i) {
         const word& other = list[i].name();
-        if (other == name) {
-            continue;
+        if (other != name) {
+            known.insert(other);
+            if (acting.found(typeOf(list[i], time))) {
+                left.insert(other);
+            }
         }
-
-        known.insert(other);
-        (acting.found(typeOf(list[i], time)) ? left : watching).insert(other);
     }
 
     if (isList(dict)) {
-        const wordList wanted(dict.get<wordList>(entryName));
-        for (const word& other : wanted) {
+        for (const word& other : dict.get<wordList>(entryName)) {
             if (!known.found(other)) {
                 FatalErrorInFunction << "executeOthers of " << name << " has the name " << other
                                      << ", which is no other function object of this run" << nl
@@ -87,19 +85,29 @@ Foam::wordHashSet Foam::m4gnFunctionObjects::chosen(
                                      << exit(FatalError);
             }
         }
-        return wordHashSet(wanted);
-    }
-
-    if (!dict.getOrDefault<bool>(entryName, true)) {
-        return wordHashSet();
-    }
-
-    if (left.size()) {
+    } else if (left.size() && dict.getOrDefault<bool>(entryName, true)) {
         Info << "m4gn: function objects that are not executed at the"
              << " surrogate's times, since they do more than look: " << m4gn::join(left.sortedToc())
              << " (entry executeOthers)" << endl;
     }
+}
 
+Foam::wordHashSet Foam::m4gnFunctionObjects::chosen(
+    const word& name, const Time& time, const dictionary& dict)
+{
+    if (isList(dict)) {
+        return wordHashSet(dict.get<wordList>(entryName));
+    }
+
+    wordHashSet watching;
+    if (dict.getOrDefault<bool>(entryName, true)) {
+        const functionObjectList& list = time.functionObjects();
+        forAll(list, i) {
+            if (list[i].name() != name && !acting.found(typeOf(list[i], time))) {
+                watching.insert(list[i].name());
+            }
+        }
+    }
     return watching;
 }
 

@@ -2,7 +2,6 @@
 
 #include "m4gnJump.H"
 #include "m4gnExplicitStress.H"
-#include "m4gnFunctionObjects.H"
 #include "m4gnLastStep.H"
 #include "m4gnOwnFields.H"
 #include "m4gnClock.H"
@@ -66,12 +65,13 @@ void writeProperties(Time& time)
 void Foam::m4gnJump::executeOthers(const scalar deltaT) const
 {
     functionObjectList& list = time_.functionObjects();
+    const wordHashSet executed(others());
     // In a run that is carried on within a jump
     const bool solved = !m4gn::solverPerformance(mesh_).empty();
 
     forAll(list, i) {
         const bool reports = solved || !m4gnFunctionObjects::reportsSolves(list[i], time_);
-        if (reports && list[i].name() != name_ && others_.found(list[i].name())) {
+        if (reports && list[i].name() != name_ && executed.found(list[i].name())) {
             runAt(list[i], time_, deltaT);
         }
     }
@@ -84,7 +84,7 @@ Foam::scalar Foam::m4gnJump::within() const
     const scalar next =
         time_.isAdjustTimeStep() ? m4gnClockwork::adjusted(time_, deltaT, writesFrom_) : deltaT;
     const label steps =
-        min(others_.size() ? interval_ : labelMax, m4gnClockwork::toWrite(time_, next, writesFrom_));
+        min(others().size() ? interval_ : labelMax, m4gnClockwork::toWrite(time_, next, writesFrom_));
 
     return steps == labelMax ? 0 : steps * next;
 }
@@ -109,16 +109,16 @@ Foam::m4gnJump::m4gnJump(
     const word& name, const fvMesh& mesh, const dictionary& dict, m4gnHybridRun& run, m4gnState& state,
     PtrList<m4gnCompletion>& completions)
     : mesh_(mesh), time_(const_cast<Time&>(mesh.time())), run_(run), state_(state), completions_(completions),
-      completion_(of(0)), name_(name), others_(m4gnFunctionObjects::chosen(name, mesh.time(), dict)),
-      interval_(m4gnFunctionObjects::interval(dict)), writes_(dict.getOrDefault<bool>("writeJumps", false)),
-      stale_(mesh), jumping_(false), last_{false, 0},
+      completion_(of(0)), name_(name), dict_(dict), interval_(m4gnFunctionObjects::interval(dict)),
+      writes_(dict.getOrDefault<bool>("writeJumps", false)), stale_(mesh), jumping_(false), last_{false, 0},
       writesFrom_(mesh.time().startTime().value()), usual_{0, 0}
 {
     if (mesh_.moving() || mesh_.changing()) {
         FatalErrorInFunction << "mode replace does not handle a mesh that moves or changes"
                              << exit(FatalError);
     }
-    run_.checkQuantities(others_);
+    m4gnFunctionObjects::check(name_, time_, dict_);
+    run_.checkQuantities(others());
     run_.setWithin([this] { return within(); });
 }
 
@@ -239,7 +239,7 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
             const bool seen = time_.writeTime()
                               || (completion_
                                   && ((answer.last_but_one && completion_->completeLastTwo())
-                                      || (others_.size() && completion_->completeForOthers())));
+                                      || (completion_->completeForOthers() && others().size())));
             if (forModel ? last && !last_.handedOver : last || seen) {
                 complete(last);
             }

@@ -103,6 +103,9 @@ expect_silence 'under other conditions'
 becomes "${surrogate/surrogateSteps/timeEnd 0.9; surrogateSteps}" "${surrogate/surrogateSteps/timeEnd 0.9; writePrecision 8; surrogateSteps}"
 expect_log 'goes on as it was begun'
 [ "$(grep -c 'replacedFraction' log.run)" = 1 ] || fail "no totals with timeEnd of a dictionary that was edited"
+# An average that comes into the run sees its jumps
+becomes "$surrogate" "$surrogate $(average)"
+holds "$(total 1.1) > 0.79" "time that is averaged over from 0.3 on"
 
 # Totals where the surrogate ends before the run
 control runTimeModifiable no
