@@ -91,8 +91,6 @@ void Foam::functionObjects::m4gnAnderson::start()
     }
     started_ = true;
 
-    m4gn::checkSolver(*this);
-
     m4gn::checkLast(*this, time_, "the next time step");
 
     string why("the solver is not solids4Foam");
@@ -261,6 +259,9 @@ bool Foam::functionObjects::m4gnAnderson::filesModified() const
 
 bool Foam::functionObjects::m4gnAnderson::execute()
 {
+    if (m4gn::onStoredTimes(*this)) {
+        return true;
+    }
     start();
     due_ = true;
     if (law_ && index_ >= 0) {

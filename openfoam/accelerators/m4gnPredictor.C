@@ -49,8 +49,6 @@ void Foam::functionObjects::m4gnPredictor::checkConverged()
 
 void Foam::functionObjects::m4gnPredictor::checkRun() const
 {
-    m4gn::checkSolver(*this);
-
     if (!m4gnExplicitStress::registered(mesh_) || !foundObject<volVectorField>(DName_)) {
         FatalErrorInFunction << "Function object " << name() << " of type " << type()
                              << " needs a displacement " << DName_ << ", sigmaD, divSigmaExp,"
@@ -142,6 +140,9 @@ bool Foam::functionObjects::m4gnPredictor::read(const dictionary& dict)
 
 bool Foam::functionObjects::m4gnPredictor::execute()
 {
+    if (m4gn::onStoredTimes(*this)) {
+        return true;
+    }
     if (!stress_) {
         checkRun();
         stress_.reset(new m4gnExplicitStress(mesh_));

@@ -3,6 +3,7 @@
 #include "m4gnCaseChecks.H"
 #include "functionObject.H"
 #include "fvMesh.H"
+#include "HashSet.H"
 #include "IOdictionary.H"
 #include "OSspecific.H"
 #include "Time.H"
@@ -98,13 +99,15 @@ bool Foam::m4gn::meshFollowsBody(const fvMesh& mesh)
     return solidModel(mesh) == "nonLinearGeometryUpdatedLagrangian";
 }
 
-void Foam::m4gn::checkSolver(const functionObject& object)
+bool Foam::m4gn::onStoredTimes(const functionObject& object)
 {
-    if (functionObject::postProcess) {
-        FatalErrorInFunction << "Function object " << object.name() << " of type " << object.type()
-                             << " needs a running solver; it cannot work on stored times."
-                             << exit(FatalError);
+    static wordHashSet told;
+
+    if (functionObject::postProcess && told.insert(object.name())) {
+        Info << "m4gn: " << object.name() << " does nothing on stored times: a " << object.type()
+             << " needs a running solver" << nl << endl;
     }
+    return functionObject::postProcess;
 }
 
 void Foam::m4gn::checkLast(const functionObject& object, const Time& time, const char* what)

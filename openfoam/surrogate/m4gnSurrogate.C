@@ -309,7 +309,9 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 
 bool Foam::functionObjects::m4gnSurrogate::execute()
 {
-    m4gn::checkSolver(*this);
+    if (m4gn::onStoredTimes(*this)) {
+        return true;
+    }
 
     // Foam::functionObjects::timeControl executes again at a time that
     // was met already: there the solver has not made a step

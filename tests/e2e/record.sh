@@ -24,13 +24,16 @@ diff <(content serial.h5) <(content $file) || fail "two ranks recorded something
 : > system/functions
 clean_case
 solve
+beside="other { type m4gnSurrogate; libs (m4gnFoam); $jump }"
 recorder
 for command in 'icoFoam -postProcess' postProcess; do
     # shellcheck disable=SC2086
     runs $command -time '0.02:'
+    expect_log 'other does nothing on stored times'
     frames $file 5 '0.02 to 0.06 s'
     rm -r postProcessing
 done
+unset beside
 
 recorder 'timeEnd 0.051;'
 runs postProcess -time '0.02:'
