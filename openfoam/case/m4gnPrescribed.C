@@ -33,7 +33,7 @@ bool isRandom(const word& type)
 template <class Patch> bool changes(const Patch& patch)
 {
     // Functions of a place or of a flow rate
-    static const wordHashSet others({"fan", "fanPressure", "fixedProfile"});
+    static const wordHashSet others({"fan", "fanPressure", "fixedProfile", "swirlInletVelocity"});
     if (others.found(patch.type())) {
         return false;
     }

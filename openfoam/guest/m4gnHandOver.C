@@ -161,14 +161,17 @@ Foam::string Foam::m4gn::changingSources(const fvMesh& mesh)
         }
         return false;
     };
+    // Functions of a flow rate or of a temperature
+    static const wordHashSet others({"fanMomentumSource", "jouleHeatingSource"});
     for (const word file : {"fvOptions", "MRFProperties", "porosityProperties"}) {
         const auto* dict = mesh.findObject<dictionary>(file);
         for (const entry& e : dict ? *dict : dictionary()) {
             if (!e.isDict() || !e.dict().getOrDefault<bool>("active", true)) {
                 continue;
             }
-            bool changes = m4gnPrescribed::hasFunction(e.dict()) || asksForTime(e.dict())
-                           || e.dict().getOrDefault<word>("type", word::null).starts_with("tabulated");
+            const word type(e.dict().getOrDefault<word>("type", word::null));
+            bool changes = (m4gnPrescribed::hasFunction(e.dict()) && !others.found(type))
+                           || asksForTime(e.dict()) || type.starts_with("tabulated");
             for (const entry& own : e.dict()) {
                 changes = changes || (own.isDict() && asksForTime(own.dict()));
             }

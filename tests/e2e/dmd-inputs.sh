@@ -81,3 +81,11 @@ mv p 0/p
 clean_case
 inlet 'type turbulentInlet; referenceField uniform (0.2 0 0); fluctuationScale (0.02 0.01 0.01); value uniform (0.2 0 0);'
 refused 'Nobody can say beforehand what the condition turbulentInlet of U at the patch inlet' icoFoam
+
+# A table over the radius is none over time
+clean_case
+control endTime 0.02
+inlet 'type swirlInletVelocity; origin (0 0.2 0); axis (1 0 0); axialVelocity table ((0 0.2) (1 0.2)); radialVelocity constant 0;
+    tangentialVelocity constant 0; value uniform (0.2 0 0);'
+ride "$dmd"
+expect_silence 'inputs that are known beforehand'

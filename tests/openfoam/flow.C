@@ -182,3 +182,14 @@ TEST(theFluxOfARotatingZoneIsRelativeToIt)
         EXPECT_NEAR(c.phi()[facei], 0, 1e-12);
     }
 }
+
+TEST(tablesOverTimeAreToldFromOthers)
+{
+    channel c(2, 1, "fixedValue");
+    const auto changing = [&](const std::string& source) {
+        const IOdictionary options(c.io("fvOptions"), dict("heat { " + source + " }"));
+        return m4gn::changingSources(*c.mesh);
+    };
+    EXPECT_TEXT(changing("type scalarSemiImplicitSource; rate table ((0 1) (1 2));"), "heat of fvOptions");
+    EXPECT_TEXT(changing("type jouleHeatingSource; sigma table ((300 1) (400 2));"), "");
+}
