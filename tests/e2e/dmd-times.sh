@@ -105,5 +105,14 @@ clean_case
 control endTime 1.4
 runs pimpleFoam
 expect_log 'm4gn: no jump of dmd: no fit: it takes 24 states .* apart'
+# The solver's steps are those that another function object sets
+for run in plain hybrid; do
+    clean_case
+    echo "step { type setTimeStep; libs (utilityFunctionObjects); deltaT constant 0.01; } $tracer
+        $([ $run = plain ] || surrogate "$dmd")" > system/functions
+    runs pimpleFoam
+    grep '^deltaT = ' log.run > ../$run.steps
+done
+cmp ../plain.steps ../hybrid.steps || fail "the steps that setTimeStep sets are others beside the surrogate"
 surrogate 'othersInterval 0;' > system/functions
 refused 'othersInterval 0: expected at least 1 time step' pimpleFoam
