@@ -224,13 +224,12 @@ void Foam::m4gnHybridRun::reported(const functionObjects::stateFunctionObject& r
     if (quantities_.empty()) {
         return;
     }
-    std::vector<double> values;
-    for (const dictionary& quantity : quantities_) {
-        const word object(quantity.get<word>("object"));
-        const word result(quantity.get<word>("result"));
+    scalarField values(quantities_.size(), std::numeric_limits<scalar>::quiet_NaN());
+    forAll(quantities_, i) {
+        const word object(quantities_[i].get<word>("object"));
+        const word result(quantities_[i].get<word>("result"));
         if (results.objectResultEntries(object).empty()) {
             // Not executed yet
-            values.push_back(std::numeric_limits<double>::quiet_NaN());
             continue;
         }
         const word type(results.objectResultType(object, result));
@@ -241,9 +240,11 @@ void Foam::m4gnHybridRun::reported(const functionObjects::stateFunctionObject& r
                                  << "    Its results are: " << m4gn::join(results.objectResultEntries(object))
                                  << exit(FatalError);
         }
-        values.push_back(results.getObjectResult<scalar>(object, result));
+        values[i] = results.getObjectResult<scalar>(object, result);
     }
-    m4gn::check(m4gn_ride_reported(ride_, values.data(), values.size()), "m4gnSurrogate cannot go on");
+    // Ranks jump together, and what others publish need not be the same on all of them
+    m4gn::broadcast(values);
+    m4gn::check(m4gn_ride_reported(ride_, values.cdata(), values.size()), "m4gnSurrogate cannot go on");
     listen();
 }
 
