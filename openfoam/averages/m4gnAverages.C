@@ -81,6 +81,7 @@ void Foam::functionObjects::m4gnAverages::readQuantities(const dictionary& dict)
 
         q.seldom = q.any = q.settled = false;
         q.seen = q.last = 0;
+        q.before = objectResultEntries(q.functionObject);
 
         quantities_.append(q);
         const std::string source(q.functionObject + ' ' + q.result + ' ' + component);
@@ -181,16 +182,17 @@ bool Foam::functionObjects::m4gnAverages::value(const quantity& from, scalar& fo
     }
 
     const wordList others(inRun ? objectResultEntries(from.functionObject) : wordList());
-    if (others.size()) {
+    if (others.size() && others != from.before) {
         FatalErrorInFunction << "Quantity " << from.name << " of " << name() << ": " << from.functionObject
                              << " publishes no " << from.result << nl
                              << "    It publishes: " << m4gn::join(others) << exit(FatalError);
     }
     if (silent_.insert(from.name)) {
         Info << "m4gn: " << name() << " waits for " << from.functionObject
-             << (inRun ? ", which has published no result yet; have it in front, and one that"
-                         " publishes results, as probes do not"
-                       : ", which this run has no longer")
+             << (!inRun          ? ", which this run has no longer"
+                 : others.size() ? ", which has published other results alone, before this run"
+                                 : ", which has published no result yet; have it in front, and one that"
+                                   " publishes results, as probes do not")
              << nl << endl;
     }
     return false;

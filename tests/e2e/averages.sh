@@ -136,6 +136,13 @@ expect_log "pMax: too few rows, $(calc "int($steps/20)")\$"
 control startFrom latestTime endTime 0.3
 runs timeout 300 mpirun -np 2 icoFoam -parallel -fileHandler collated
 expect_log 'carries on with the series of .*0.2/uniform/averages.state'
+# A run that is carried on waits for a result that its function object did not publish before
+sed -i 's/fields (p);/fields (p U);/; s/result max(p)/result max(mag(U))/' system/functions
+control startFrom startTime startTime 0.2
+runs timeout 300 mpirun -np 2 icoFoam -parallel -fileHandler collated
+expect_log 'averages waits for extremes, which has published other results alone' "pMax: too few rows, $((steps/40))\$"
+sed -i 's/fields (p U);/fields (p);/; s/result max(mag(U))/result max(p)/' system/functions
+control startTime 0
 # What is published no more adds nothing
 sed -i 's/writeInterval 20;/writeInterval 1; timeEnd 0.2;/' system/functions
 control startFrom startTime endTime 0.3
