@@ -33,9 +33,10 @@ bool computed(const volScalarField& field)
 bool isForAWhile(const dictionary& dict, const Time& time)
 {
     const scalar begin = dict.getOrDefault<scalar>("timeStart", -1);
-    return begin >= 0
-           && (begin > time.startTime().value()
-               || begin + dict.getOrDefault<scalar>("duration", 0) < time.endTime().value());
+    const scalar end = begin + dict.getOrDefault<scalar>("duration", 0);
+    const scalar from = time.startTime().value(), to = time.endTime().value();
+    // One that has ended before, or begins after, does not act in this run
+    return begin >= 0 && begin < to && end > from && (begin > from || end < to);
 }
 
 } // End anonymous namespace

@@ -165,6 +165,21 @@ TEST(sourcesAreNamed)
     EXPECT_TEXT(m4gn::sources(*c.mesh), "fvOptions porosity");
 }
 
+// From 0 to 1 s
+TEST(sourcesThatActForAPartOfARunAreNamed)
+{
+    channel c(2, 1, "fixedValue");
+    const auto unsupported = [&](const std::string& limits) {
+        const IOdictionary options(c.io("fvOptions"), dict("ignition { type x; " + limits + " }"));
+        return m4gn::unsupported(*c.mesh);
+    };
+    EXPECT_TEXT(unsupported("timeStart 0; duration 1;"), "");
+    EXPECT(unsupported("timeStart 0.5; duration 9;").find("the source ignition") == 0);
+    EXPECT(unsupported("timeStart 0; duration 0.5;").find("the source ignition") == 0);
+    EXPECT_TEXT(unsupported("timeStart 0; duration 0;"), "");
+    EXPECT_TEXT(unsupported("timeStart 2; duration 1;"), "");
+}
+
 // A zone that turns about z at 2 rad/s: of a velocity that turns with it no flux is left
 TEST(theFluxOfARotatingZoneIsRelativeToIt)
 {
