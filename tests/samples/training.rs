@@ -147,14 +147,9 @@ pub fn request_of(folder: &Path, config: &Path, name: &str, steps: u64) -> Reque
         data: folder.join("data"),
         config: config.into(),
         out: folder.join(format!("{name}.safetensors")),
-        device: None,
-        from: None,
-        resume: false,
         threads: Some(1),
         steps: Some(steps),
-        seed: None,
-        json: None,
-        memory: None,
+        ..Request::default()
     }
 }
 

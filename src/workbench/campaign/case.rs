@@ -66,7 +66,7 @@ impl MadeFrom {
 }
 
 /// The user's case, as far as runs need to know it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Source {
     /// Its folder.
     pub folder: PathBuf,
@@ -317,19 +317,9 @@ mod tests {
             fs::write(path, name).unwrap();
         }
         let folder = dir.path().to_path_buf();
-        (
-            dir,
-            Source {
-                folder,
-                start: 0.0,
-                end: 2.0,
-                application: "icoFoam".into(),
-                functions: vec![
-                    ("own".into(), "m4gnAverages".into()),
-                    ("forces".into(), "forceCoeffs".into()),
-                ],
-            },
-        )
+        let functions = [("own", "m4gnAverages"), ("forces", "forceCoeffs")];
+        let functions = functions.map(|(name, kind)| (name.into(), kind.into())).to_vec();
+        (dir, Source { folder, end: 2.0, functions, ..Source::default() })
     }
 
     fn settings() -> Settings {

@@ -274,15 +274,7 @@ mod tests {
         assert_eq!(of(APREPRO), standard);
         assert_eq!(standard.responses.as_deref(), Some(&["Cl_rms".to_string(), "speed".to_string()][..]));
         assert_eq!(standard.values(&table()).unwrap(), ["kOmegaSST", "1.5", "20"]);
-        let quantity = |name: &str| Quantity {
-            name: name.into(),
-            function_object: "f".into(),
-            result: "r".into(),
-            component: None,
-            statistic: Default::default(),
-            tolerance: None,
-            relative: None,
-        };
+        let quantity = |name: &str| Quantity { name: name.into(), ..Quantity::default() };
         let quantities = ["Cd", "speed", "Cl_rms"].map(quantity);
         assert_eq!(standard.figures(&quantities).unwrap(), ["Cl_rms", "speed"]);
         let short = of("1 variables\n2 Uin\n");

@@ -276,13 +276,8 @@ mod tests {
 
     #[test]
     fn what_is_written_can_be_read() {
-        let source = Source {
-            folder: "/a/\"case\"".into(),
-            start: 0.0,
-            end: 2.0,
-            application: "icoFoam".into(),
-            functions: Vec::new(),
-        };
+        let source =
+            Source { folder: "/a/\"case\"".into(), application: "icoFoam".into(), ..Source::default() };
         let prepare = [vec!["blockMesh".to_string(), "-dict".to_string()]];
         let quantities = "[[quantity]]\nname = \"Cd\"\nfunction_object = \"forces\"\nresult = \"Cd\"\n";
         let text = text(&source, &prepare, 2, &["Uin=1:2".parse().unwrap()], quantities).unwrap();

@@ -228,18 +228,11 @@ mod tests {
     fn checks_that_are_there_count_though_rows_are_added() {
         let dir = tempfile::tempdir().unwrap();
         let settings = "case = \"c\"\nsolver = [\"icoFoam\"]\nheld_out = 0.1\n";
-        let source = Source {
-            folder: dir.path().to_path_buf(),
-            start: 0.0,
-            end: 1.0,
-            application: String::new(),
-            functions: Vec::new(),
-        };
         let mut campaign = Campaign {
             folder: dir.path().to_path_buf(),
             settings: toml::from_str(settings).unwrap(),
             table: Table { parameters: vec!["u".into()], rows: Vec::new() },
-            source,
+            source: Source::default(),
             files: MadeFrom::default(),
             places: Vec::new(),
         };

@@ -31,10 +31,8 @@ pub fn quantities(functions: &[(String, String)], entries: &Entries) -> Result<(
         name: name.into(),
         function_object: object.into(),
         result: result.into(),
-        component: None,
-        statistic: Statistic::Mean,
-        tolerance: None,
         relative: Some(0.01),
+        ..Quantity::default()
     };
     let (mut all, mut known) = (String::new(), false);
     for (object, kind) in functions {

@@ -13,7 +13,7 @@ pub const DONE: &str = "done";
 pub const FAILED: &str = "failed";
 
 /// A finished run.
-#[derive(Clone, Debug, Deserialize, Serialize)]
+#[derive(Clone, Debug, Default, Deserialize, Serialize)]
 pub struct Record {
     /// Name of the run.
     pub case_name: String,
@@ -201,13 +201,8 @@ mod tests {
                 mapped: true,
                 ..Started::default()
             },
-            quantities: BTreeMap::new(),
-            end_time: 2.0,
-            last: "2".into(),
-            period: None,
-            mesh: String::new(),
-            cost: Cost::default(),
             made_from: of("1"),
+            ..Record::default()
         };
         assert_eq!(record.start.to_string(), "nearest b x 1.25 mapped");
         write(&dir.path().join(DONE), &record).unwrap();

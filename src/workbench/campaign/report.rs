@@ -325,22 +325,10 @@ fn cost(campaign: &Campaign, runs: &[Run]) -> Table {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::campaign::record::{Cost, Started};
 
     fn run(name: &str, check: bool, value: f64) -> Run {
         let figure = Figure { value, half_width: Some(0.3), known: Some(true) };
-        let record = Record {
-            case_name: name.into(),
-            parameters: Default::default(),
-            start: Started::default(),
-            quantities: [("Cd".to_string(), figure)].into(),
-            end_time: 1.0,
-            last: "1".into(),
-            period: None,
-            mesh: String::new(),
-            cost: Cost::default(),
-            made_from: Default::default(),
-        };
+        let record = Record { quantities: [("Cd".to_string(), figure)].into(), ..Record::default() };
         Run { name: name.into(), unit: Unit { row: 0, check }, record }
     }
 

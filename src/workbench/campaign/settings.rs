@@ -60,7 +60,7 @@ pub struct Settings {
 }
 
 /// A figure, as m4gnAverages takes it.
-#[derive(Clone, Debug, Deserialize, Serialize)]
+#[derive(Clone, Debug, Default, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Quantity {
     /// Its name in the results.

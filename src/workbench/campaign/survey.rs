@@ -190,7 +190,7 @@ mod tests {
             std::fs::write(path, text).unwrap();
         }
         let folder = dir.path().to_path_buf();
-        (dir, Source { folder, start: 0.0, end: 1.0, application: "icoFoam".into(), functions: Vec::new() })
+        (dir, Source { folder, application: "icoFoam".into(), ..Source::default() })
     }
 
     #[test]

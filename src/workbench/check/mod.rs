@@ -93,7 +93,7 @@ pub struct Plan {
 }
 
 /// What came of one surrogate.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Finding {
     /// dmd, network.
     pub surrogate: String,
@@ -171,10 +171,7 @@ pub fn run(plan: &Plan) -> Result<Checked> {
         Some(Err(e)) => findings.push(Finding {
             surrogate: "network".into(),
             why: Some(format!("no network can be made of the configuration and this case: {e}")),
-            open: false,
-            notes: Vec::new(),
-            report: Report::default(),
-            stride: None,
+            ..Finding::default()
         }),
     }
     let case = match &plan.case {
@@ -326,14 +323,9 @@ fn random(copy: &Copy, config: &Path, report: &Report, room: &Path, tools: &Surr
         data,
         config: own,
         out: out.clone(),
-        device: None,
-        from: None,
-        resume: false,
         threads: Some(1),
-        memory: None,
         steps: Some(1),
-        seed: None,
-        json: None,
+        ..Request::default()
     };
     train_native(&request, tools.stop, &Comm::serial())?;
     Ok(out)
@@ -347,8 +339,7 @@ mod tests {
     #[test]
     fn a_run_that_only_needs_more_time_is_not_said_not_to_fit() {
         let of = |why: Option<&str>, open| {
-            let (surrogate, why, notes) = ("dmd".into(), why.map(String::from), Vec::new());
-            Finding { surrogate, why, open, notes, report: Report::default(), stride: None }.verdict()
+            Finding { why: why.map(String::from), open, ..Finding::default() }.verdict()
         };
         assert_eq!(of(None, false), "fits");
         assert_eq!(of(Some("give --seconds 45"), true), "cannot be told yet: give --seconds 45");

@@ -50,6 +50,7 @@ pub struct LeftOut {
 }
 
 /// Forces while the times go by.
+#[derive(Default)]
 pub(super) struct Track {
     patch: String,
     times: Vec<f64>,
@@ -67,13 +68,7 @@ impl Track {
     pub fn new(a: &FoamCase, b: &FoamCase, patch: &str, jumps: Vec<[f64; 2]>) -> Result<Self> {
         known(a.description(), patch)?;
         known(b.description(), patch)?;
-        Ok(Track {
-            patch: patch.into(),
-            times: Vec::new(),
-            forces: Default::default(),
-            left_out: BTreeMap::new(),
-            jumps,
-        })
+        Ok(Track { patch: patch.into(), jumps, ..Track::default() })
     }
 
     /// Adds a common time: number `i` of A, `j` of B.
@@ -212,13 +207,7 @@ mod tests {
     use foam_case::Reaction::{Force, Unknown as Without};
 
     fn track() -> Track {
-        Track {
-            patch: "clamp".into(),
-            times: Vec::new(),
-            forces: Default::default(),
-            left_out: BTreeMap::new(),
-            jumps: vec![[0.15, 0.25]],
-        }
+        Track { patch: "clamp".into(), jumps: vec![[0.15, 0.25]], ..Track::default() }
     }
 
     /// Full: 3 and 5 N; hybrid: off by 1 N across in the first, by 2 N along in the second.

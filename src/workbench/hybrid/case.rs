@@ -53,9 +53,7 @@ impl Job<'_> {
             index,
             quantities: draw.variables.clone(),
             order: order.map_or(index as f64, |name| draw.variables[name]),
-            full: None,
-            runs: Default::default(),
-            failed: Vec::new(),
+            ..DrawResult::default()
         };
         let folder = self.plan.folder.join(format!("{index:04}"));
         let full = match self.prepare(index, FULL, None, None) {

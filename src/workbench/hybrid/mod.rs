@@ -60,7 +60,7 @@ pub struct Plan {
 }
 
 /// The results of one draw.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct DrawResult {
     /// Number of the draw.
     pub index: u64,

@@ -27,11 +27,10 @@ fn draws(n: u64) -> Vec<DrawResult> {
     (0..n)
         .map(|index| DrawResult {
             index,
-            quantities: Default::default(),
             order: 100.0 - index as f64,
             full: Some(record(4.0, None)),
             runs: [("hybrid".to_string(), record(1.0, Some(index as f64)))].into(),
-            failed: Vec::new(),
+            ..DrawResult::default()
         })
         .collect()
 }

@@ -12,7 +12,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// A case whose solver can be run.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Copy {
     /// Its folder.
     pub folder: PathBuf,
@@ -47,14 +47,7 @@ impl Copy {
         let real = original.canonicalize().unwrap_or_else(|_| original.clone());
         let name = real.file_name().unwrap_or("case".as_ref());
         fs::create_dir_all(beside).map_err(|e| Error::file(beside, format!("cannot be made: {e}")))?;
-        let mut copy = Copy {
-            folder: beside.join(name),
-            application: String::new(),
-            ranks: 0,
-            notes: Vec::new(),
-            original,
-            own: Vec::new(),
-        };
+        let mut copy = Copy { folder: beside.join(name), original, ..Copy::default() };
         let system = copy.folder.join("system");
         copy_all(&copy.original.join("system"), &system)?;
         let mut named = Named::new(&copy, &real, beside)?;
@@ -293,15 +286,7 @@ mod tests {
         }
         let folder = dir.path().join("beside/case");
         fs::create_dir_all(&folder).unwrap();
-        let copy = Copy {
-            folder,
-            application: String::new(),
-            ranks: 0,
-            notes: Vec::new(),
-            original,
-            own: Vec::new(),
-        };
-        (dir, copy)
+        (dir, Copy { folder, original, ..Copy::default() })
     }
 
     /// Copies the case and what its files name.

@@ -260,7 +260,7 @@ mod tests {
         assert!((all[0].of_holding().unwrap() - 0.08).abs() < 1e-12);
         judge(&mut all, &found, Some(0.01));
         assert_eq!(all[0].within, Some(false));
-        let report = Report { case: String::new(), application: String::new(), jumps: all };
+        let report = Report { jumps: all, ..Report::default() };
         assert!(report.fault().unwrap().contains("3 of 3"));
         assert_eq!(report.table().rows[0].len(), report.table().headers.len());
     }
@@ -271,7 +271,7 @@ mod tests {
         let found = stretches(&mut all, &[0.0, 1.5, 2.5, 4.0]);
         assert_eq!(found.iter().map(|(i, s)| (*i, s.from)).collect::<Vec<_>>(), [(0, 0), (1, 1)]);
         assert_eq!(all.iter().map(|j| j.earlier_jumps).collect::<Vec<_>>(), [0, 1, 0]);
-        let report = Report { case: String::new(), application: String::new(), jumps: all };
+        let report = Report { jumps: all, ..Report::default() };
         let notes = report.notes().join("\n");
         for text in ["in 1 the errors", "2 are compared within", "1 cannot be verified", "writeJumps yes;"] {
             assert!(notes.contains(text), "{notes}");

@@ -32,7 +32,7 @@ pub struct Verified {
 }
 
 /// What came of a run.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
     /// Folder.
     pub case: String,
