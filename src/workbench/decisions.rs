@@ -35,15 +35,13 @@ pub fn last<'a>(decisions: &'a [Decision], event: &str) -> Option<&'a Decision> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs;
 
     #[test]
     fn lines_are_decisions() {
         let dir = tempfile::tempdir().unwrap();
         assert!(read(dir.path(), "test").unwrap().is_empty());
-        let folder = dir.path().join("postProcessing/test");
-        fs::create_dir_all(&folder).unwrap();
-        let put = |text: &str| fs::write(folder.join("decisions.jsonl"), text).unwrap();
+        let file = "postProcessing/test/decisions.jsonl";
+        let put = |text: &str| crate::fixtures::write(dir.path(), &[(file, text)]);
         put("{\"time\":1,\"event\":\"fit\",\"error\":0.5}\n{\"time\":2,\"event\":\"fit\",\"error\":0.1}\n");
         let found = read(dir.path(), "test").unwrap();
         assert_eq!(last(&found, "fit").unwrap()["error"], 0.1);

@@ -22,6 +22,8 @@ pub mod compare;
 mod cycle;
 pub mod decisions;
 pub mod errors;
+#[cfg(test)]
+mod fixtures;
 mod foam_bridge;
 pub mod foam_case;
 pub mod generate;

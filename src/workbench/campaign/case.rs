@@ -308,14 +308,11 @@ pub fn last_time(case: &Path, start: f64) -> Result<Option<(String, f64)>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures;
 
+    /// A case of files whose text is their name.
     fn source(files: &[&str]) -> (tempfile::TempDir, Source) {
-        let dir = tempfile::tempdir().unwrap();
-        for name in files {
-            let path = dir.path().join(name);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, name).unwrap();
-        }
+        let dir = fixtures::folder(&files.iter().map(|name| (*name, *name)).collect::<Vec<_>>());
         let folder = dir.path().to_path_buf();
         let functions = [("own", "m4gnAverages"), ("forces", "forceCoeffs")];
         let functions = functions.map(|(name, kind)| (name.into(), kind.into())).to_vec();

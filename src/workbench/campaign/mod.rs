@@ -209,18 +209,13 @@ impl Campaign {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::atomic::AtomicU8;
+    use crate::fixtures;
 
     #[test]
     fn a_campaign_in_its_case_is_refused() {
-        static GO: AtomicU8 = AtomicU8::new(0);
-        let dir = tempfile::tempdir().unwrap();
-        let folder = dir.path().join("study");
-        std::fs::create_dir(&folder).unwrap();
-        std::fs::write(folder.join(settings::FILE), "case = \"..\"\nsolver = [\"icoFoam\"]\n").unwrap();
-        let mut tools =
-            Surroundings { stop: &GO, timeout: Duration::from_secs(9), asks: false, environment: Vec::new() };
-        let message = Campaign::open(&folder, &mut tools).err().expect("it was opened").to_string();
+        let dir = fixtures::folder(&[("study/campaign.toml", "case = \"..\"\nsolver = [\"icoFoam\"]\n")]);
+        let opened = Campaign::open(&dir.path().join("study"), &mut fixtures::tools());
+        let message = opened.err().expect("it was opened").to_string();
         assert!(message.contains("study: lies in the case"), "{message}");
     }
 
@@ -242,9 +237,7 @@ mod tests {
             campaign.checks()
         };
         assert_eq!((checks(7), checks(8)), (vec![3], vec![4]));
-        let there = dir.path().join("checks/r3");
-        std::fs::create_dir_all(&there).unwrap();
-        std::fs::write(there.join(record::DONE), "").unwrap();
+        fixtures::write(dir.path(), &[("checks/r3/done", "")]);
         assert_eq!((checks(7), checks(8), checks(17)), (vec![3], vec![3], vec![3, 4]));
     }
 }

@@ -301,17 +301,15 @@ fn processor_seconds() -> Result<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures;
 
     #[test]
     fn a_state_that_is_cut_off_is_none() {
-        let dir = tempfile::tempdir().unwrap();
         let text = " ".repeat(600) + "FoamFile { object U; }\ninternalField uniform 0;\n// *** //\n\n";
-        for (name, text) in [("U", text.as_str()), ("note", "not of OpenFOAM")] {
-            fs::write(dir.path().join(name), text).unwrap();
-        }
+        let dir = fixtures::folder(&[("U", &text), ("note", "not of OpenFOAM")]);
         whole(dir.path()).unwrap();
         for cut in [0, 640] {
-            fs::write(dir.path().join("p"), &text[..cut]).unwrap();
+            fixtures::write(dir.path(), &[("p", &text[..cut])]);
             assert!(whole(dir.path()).unwrap_err().to_string().contains("p: is cut off: expected the line"));
         }
     }

@@ -214,9 +214,7 @@ mod tests {
                         function_object = \"forces\"\nresult = \"Cd\"\nrelative = 0.01\n";
 
     fn read(text: &str) -> Result<Settings> {
-        let dir = tempfile::tempdir().unwrap();
-        std::fs::write(dir.path().join(FILE), text).unwrap();
-        Settings::read(dir.path())
+        Settings::read(crate::fixtures::folder(&[(FILE, text)]).path())
     }
 
     #[test]

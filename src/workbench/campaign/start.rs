@@ -255,8 +255,7 @@ pub fn mesh(case: &Path) -> Result<String> {
 pub(super) mod tests {
     use super::*;
     use crate::campaign::record::Cost;
-
-    static GO: std::sync::atomic::AtomicU8 = std::sync::atomic::AtomicU8::new(0);
+    use crate::fixtures::tools;
 
     /// A finished run at a place, of this kind and cost, whose nearest one was so far.
     pub fn at(place: f64, kind: &str, cost: f64, far: Option<f64>) -> Sister {
@@ -278,16 +277,10 @@ pub(super) mod tests {
 
     #[test]
     fn a_start_that_cannot_be_had_is_cold_and_says_why() {
-        let tools = Surroundings {
-            stop: &GO,
-            timeout: std::time::Duration::from_secs(9),
-            asks: false,
-            environment: Vec::new(),
-        };
         let dir = tempfile::tempdir().unwrap();
         let of_mesh = |mesh: &str, sisters: &[Sister], start: Start| {
             let case = (dir.path(), mesh);
-            make(&Plan::new(start, sisters), case, sisters, Some(("U", "2")), &tools).unwrap()
+            make(&Plan::new(start, sisters), case, sisters, Some(("U", "2")), &tools()).unwrap()
         };
         let of = |sisters: &[Sister], start: Start| of_mesh("another mesh", sisters, start);
         let none = of(&[], Start::Nearest);

@@ -183,12 +183,7 @@ mod tests {
     }
 
     fn source(list: &[(&str, &str)]) -> (tempfile::TempDir, Source) {
-        let dir = tempfile::tempdir().unwrap();
-        for (name, text) in list {
-            let path = dir.path().join(name);
-            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-            std::fs::write(path, text).unwrap();
-        }
+        let dir = crate::fixtures::folder(list);
         let folder = dir.path().to_path_buf();
         (dir, Source { folder, application: "icoFoam".into(), ..Source::default() })
     }

@@ -102,36 +102,33 @@ fn folders(of: &Path) -> Vec<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs;
+    use crate::fixtures;
 
     #[test]
     fn surrogate_summaries() {
         let dir = tempfile::tempdir().unwrap();
         assert!(read(dir.path()).unwrap().is_none());
-        let folder = |time: &str| {
-            let folder = dir.path().join("postProcessing/surrogate").join(time);
-            fs::create_dir_all(&folder).unwrap();
-            folder
-        };
+        let root = dir.path().join("postProcessing/surrogate");
+        let put = |name: &str, text: &str| fixtures::write(&root, &[(name, text)]);
         // Another function object's file is none of ours.
-        fs::write(folder("0").join("summary.json"), "{\"other\": 1}").unwrap();
+        put("0/summary.json", "{\"other\": 1}");
         assert!(read(dir.path()).unwrap().is_none());
         let one = r#"{"replaced_time": 2.0, "replaced_fraction": 0.8, "stride": 0.05}"#;
-        fs::write(folder("1").join("summary.json"), one).unwrap();
+        put("1/summary.json", one);
         let missing = read(dir.path()).unwrap_err().to_string();
         assert!(missing.contains("table of m4gnSurrogate"), "{missing}");
         // Three steps that ended at 1.2: the first jump began at 1.05.
         let table = "# Jumps\n# Time\tsteps\tsurrogate(s)\n1.2\t3\t0.1\n1.45\t4\t0.1\n";
-        fs::write(folder("1").join("surrogate.dat"), table).unwrap();
+        put("1/surrogate.dat", table);
         let two = r#"{"replaced_time": 3.0, "replaced_fraction": 0.9, "takeover_time": 4.0}"#;
-        fs::write(folder("3.5").join("summary.json"), two).unwrap();
+        put("3.5/summary.json", two);
         let found = read(dir.path()).unwrap().unwrap();
         assert!((found.takeover - 1.05).abs() < 1e-12 && found.replaced_fraction == Some(0.9), "{found:?}");
         // Of three steps and of four
         let expected = [[1.1, 1.2], [1.3, 1.45]];
         let near = |(a, b): (&[f64; 2], &[f64; 2])| (a[0] - b[0]).abs() < 1e-12 && a[1] == b[1];
         assert!(found.jumps.len() == 2 && found.jumps.iter().zip(&expected).all(near), "{found:?}");
-        fs::write(folder("3.5").join("summary.json"), "{").unwrap();
+        put("3.5/summary.json", "{");
         assert!(read(dir.path()).is_err());
     }
 }

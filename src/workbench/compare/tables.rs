@@ -164,24 +164,14 @@ pub(super) fn rows(probes: &[Probe]) -> Vec<Row> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs;
-
-    fn case(files: &[(&str, &str)]) -> tempfile::TempDir {
-        let dir = tempfile::tempdir().unwrap();
-        for (name, text) in files {
-            let path = dir.path().join("postProcessing").join(name);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, text).unwrap();
-        }
-        dir
-    }
+    use crate::fixtures;
 
     #[test]
     fn parts_of_a_run_are_one_table() {
         let head = "# Force coefficients\n# Time \tCd\tCs\tCl\n";
-        let dir = case(&[
-            ("drag/0/coefficient.dat", &format!("{head}1\t2\t0\t3\n2\t4\t0\t5\n3\t9\t0\t9\n")),
-            ("drag/2/coefficient.dat", &format!("{head}2.5\t6\t0\t7\n3\t8\t0")),
+        let dir = fixtures::folder(&[
+            ("postProcessing/drag/0/coefficient.dat", &format!("{head}1\t2\t0\t3\n2\t4\t0\t5\n3\t9\t0\t9\n")),
+            ("postProcessing/drag/2/coefficient.dat", &format!("{head}2.5\t6\t0\t7\n3\t8\t0")),
         ]);
         let [drag, lift] =
             Table::read(dir.path(), "drag", "coefficient.dat").unwrap().coefficients().unwrap();
@@ -189,24 +179,24 @@ mod tests {
         assert_eq!(lift.values, [3.0, 5.0, 7.0]);
         assert_eq!(Table::read(dir.path(), "drag", "other.dat"), None);
         // Begun again at the same time
-        fs::write(
-            dir.path().join("postProcessing/drag/2/coefficient_2.dat"),
-            format!("{head}2.5\t1\t0\t1\n"),
-        )
-        .unwrap();
+        let again = format!("{head}2.5\t1\t0\t1\n");
+        fixtures::write(dir.path(), &[("postProcessing/drag/2/coefficient_2.dat", &again)]);
         let [drag, _] = Table::read(dir.path(), "drag", "coefficient.dat").unwrap().coefficients().unwrap();
         assert_eq!(drag.values, [2.0, 4.0, 1.0]);
     }
 
     #[test]
     fn forces_and_probes_are_vectors() {
-        let dir = case(&[
+        let dir = fixtures::folder(&[
             (
-                "f/0/force.dat",
+                "postProcessing/f/0/force.dat",
                 "# Force\n# Time (total_x total_y total_z) (pressure_x pressure_y pressure_z)\n1 (1 2 3) (0 0 0)\n",
             ),
-            ("n/0/coefficient.dat", "# Time Cd Cl\n1 2\n"),
-            ("p/0/U", "# Probe 0 (0 0 0)\n#       Probe 0\n#        Time\n1 (1 2 3)\n2 (4 5 6)\n"),
+            ("postProcessing/n/0/coefficient.dat", "# Time Cd Cl\n1 2\n"),
+            (
+                "postProcessing/p/0/U",
+                "# Probe 0 (0 0 0)\n#       Probe 0\n#        Time\n1 (1 2 3)\n2 (4 5 6)\n",
+            ),
         ]);
         let force = Table::read(dir.path(), "f", "force.dat").unwrap().force([0.0, 1.0, 0.0]).unwrap();
         assert_eq!((force.times, force.values), (vec![1.0], vec![2.0]));

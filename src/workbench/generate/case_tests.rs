@@ -1,6 +1,7 @@
 //! Draws and files of the families that come with m4gn.
 
 use super::*;
+use crate::fixtures;
 use crate::generate::command::{Command, Conditional};
 use crate::generate::parameter::{Settings, parse_setting};
 
@@ -126,10 +127,8 @@ fn commands_run_where_their_condition_holds() {
 fn an_unknown_placeholder_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path().join("my-family");
-    std::fs::create_dir_all(&folder).unwrap();
     let text = "about = 'x'\nsolver = ['icoFoam']\nsteps = '1'\n[recording]\nfields = ['U']\nframes = 1\ninterval = 1\nspin_up = 1\n";
-    std::fs::write(folder.join(FILE), text).unwrap();
-    std::fs::write(folder.join("a"), "1 @ 2 @@ @deltaT@ @size@").unwrap();
+    fixtures::write(&folder, &[(FILE, text), ("a", "1 @ 2 @@ @deltaT@ @size@")]);
     let family = Family::load(&folder).unwrap();
     let times = Times { delta_t: 0.5, end: 1.0, write_interval: 1.0 };
     let draw = family.draw(1, 1, &Settings::new()).unwrap();

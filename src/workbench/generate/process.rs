@@ -187,12 +187,8 @@ mod tests {
     static STOP: AtomicU8 = AtomicU8::new(1);
 
     fn surroundings(stop: &'static AtomicU8, milliseconds: u64) -> Surroundings {
-        Surroundings {
-            stop,
-            timeout: Duration::from_millis(milliseconds),
-            asks: false,
-            environment: vec![("A".into(), "b".into())],
-        }
+        let (timeout, environment) = (Duration::from_millis(milliseconds), vec![("A".into(), "b".into())]);
+        Surroundings { stop, timeout, environment, ..crate::fixtures::tools() }
     }
 
     #[test]

@@ -85,9 +85,7 @@ mod tests {
 
     fn case(folder: &Path, name: &str, json: &str) -> std::path::PathBuf {
         let case = folder.join(name);
-        let of = case.join("postProcessing/answers/0");
-        std::fs::create_dir_all(&of).unwrap();
-        std::fs::write(of.join("averages.json"), json).unwrap();
+        crate::fixtures::write(&case, &[("postProcessing/answers/0/averages.json", json)]);
         case
     }
 

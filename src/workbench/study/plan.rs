@@ -287,11 +287,9 @@ data = ["flow"]
 
     #[test]
     fn networks_are_their_base_but_for_what_they_set() {
-        let dir = tempfile::tempdir().unwrap();
         let config =
             "[model]\nstride = 0.1\nwidth = 64\n[training]\nsteps = 9\nmax_minutes = 5.0\nbatch_size = 1\n";
-        std::fs::write(dir.path().join("c.toml"), config).unwrap();
-        std::fs::write(dir.path().join("s.toml"), STUDY).unwrap();
+        let dir = crate::fixtures::folder(&[("c.toml", config), ("s.toml", STUDY)]);
         let plan = Plan::read(&dir.path().join("s.toml")).unwrap();
         let cells = plan.cells();
         let told: Vec<String> = cells.iter().map(|(d, n, s)| format!("{} {} {s}", d.name, n.name)).collect();

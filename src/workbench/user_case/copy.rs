@@ -273,17 +273,14 @@ fn starts_or_ends(start: f64) -> impl Fn(&str, f64, [f64; 2]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures;
     use std::os::unix::fs::symlink;
 
     /// A case of the names and texts, and a copy of it that is not made yet.
     fn case(files: &[(&str, &str)]) -> (tempfile::TempDir, Copy) {
         let dir = tempfile::tempdir().unwrap();
         let original = dir.path().join("study/case");
-        for (name, text) in files {
-            let path = original.join(name);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, text).unwrap();
-        }
+        fixtures::write(&original, files);
         let folder = dir.path().join("beside/case");
         fs::create_dir_all(&folder).unwrap();
         (dir, Copy { folder, original, ..Copy::default() })
@@ -317,8 +314,7 @@ mod tests {
             ("0/U", "a"),
         ]);
         let (from, study) = (&copy.original, dir.path().join("study"));
-        fs::create_dir(study.join("mesh")).unwrap();
-        fs::write(study.join("mesh/points"), "p").unwrap();
+        fixtures::write(&study, &[("mesh/points", "p")]);
         symlink("../../mesh", from.join("constant/linked")).unwrap();
         symlink("../../mesh/points", from.join("constant/points")).unwrap();
         symlink("..", from.join("constant/round")).unwrap();
@@ -348,9 +344,8 @@ mod tests {
             ("1/U", "c"),
         ]);
         let study = dir.path().join("study");
-        for (name, text) in [("shared", "#include \"../deeper\""), ("deeper", "nu 1;"), ("other", "x")] {
-            fs::write(study.join(name), text).unwrap();
-        }
+        let others = [("shared", "#include \"../deeper\""), ("deeper", "nu 1;"), ("other", "x")];
+        fixtures::write(&study, &others);
         let beside = dir.path().join("beside");
         take(&copy, &beside);
         let there = |name: &str| beside.join(name).exists();

@@ -178,9 +178,8 @@ mod tests {
     fn a_run_has_one_function_object_that_jumps() {
         let dir = tempfile::tempdir().unwrap();
         let put = |name: &str| {
-            let folder = dir.path().join("postProcessing").join(name);
-            fs::create_dir_all(&folder).unwrap();
-            fs::write(folder.join("decisions.jsonl"), "{\"time\":1,\"event\":\"handed_back\"}\n").unwrap();
+            let file = format!("postProcessing/{name}/decisions.jsonl");
+            crate::fixtures::write(dir.path(), &[(&file, "{\"time\":1,\"event\":\"handed_back\"}\n")]);
         };
         let said = || decisions(dir.path()).map_err(|e| e.to_string());
         assert!(said().unwrap_err().contains("in mode replace"));
