@@ -1,6 +1,7 @@
 //! Which values the parameters of a campaign's runs have.
 
 use super::table::{Row, Table, check_names};
+use crate::generate::parameter::short;
 use m4gn_base::{Error, Result, refuse};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -127,7 +128,7 @@ fn grid(parameters: &[Parameter], count: usize) -> Result<Vec<Vec<String>>> {
             Values::List(values) => values.clone(),
             Values::Range([low, high]) => {
                 let last = (count - 1).max(1) as f64;
-                (0..count).map(|i| short(low + (high - low) * i as f64 / last)).collect()
+                (0..count).map(|i| short(low + (high - low) * i as f64 / last).to_string()).collect()
             }
         };
         refuse(runs.len() * values.len() > MOST, Error::Input, || {
@@ -144,7 +145,7 @@ fn grid(parameters: &[Parameter], count: usize) -> Result<Vec<Vec<String>>> {
 /// Points of the unit cube as values.
 fn placed(parameters: &[Parameter], points: Vec<Vec<f64>>) -> Vec<Vec<String>> {
     let value = |(p, x): (&Parameter, &f64)| match &p.values {
-        Values::Range([low, high]) => short(low + (high - low) * x),
+        Values::Range([low, high]) => short(low + (high - low) * x).to_string(),
         Values::List(values) => values[((x * values.len() as f64) as usize).min(values.len() - 1)].clone(),
     };
     points.iter().map(|point| parameters.iter().zip(point).map(value).collect()).collect()
@@ -161,11 +162,6 @@ fn latin_hypercube(dimensions: usize, count: usize, seed: u64) -> Vec<Vec<f64>> 
         }
     }
     points
-}
-
-/// A number with six digits.
-fn short(value: f64) -> String {
-    format!("{value:.5e}").parse::<f64>().unwrap_or(value).to_string()
 }
 
 /// The rows that are also made cold and plain: a share of all, evenly in the order of the table; one at least of a share above 0.

@@ -1,5 +1,6 @@
 //! What the function object m4gnSurrogate in mode check has said of a case, and what follows from it.
 
+use crate::generate::parameter::short;
 use m4gn_report::number;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -141,7 +142,7 @@ impl Report {
             ),
         };
         // Without the noise of its last digits
-        let interval = format!("{interval:.5e}").parse().unwrap_or(interval);
+        let interval = short(interval);
         Some(Suggestion { interval, window: if states >= STATES { WINDOW } else { LEAST }, why })
     }
 }

@@ -6,7 +6,7 @@ use super::series::{FEWEST, Series, relative};
 use super::tables::{Table, common, over};
 use crate::foam_case::{Description, FoamCase, FunctionObject};
 use m4gn_base::{Error, Result};
-use m4gn_mesh::vector::cross;
+use m4gn_mesh::vector::{cross, dot, norm};
 use m4gn_report::{Page, number, percent};
 use serde::Serialize;
 use std::path::Path;
@@ -62,7 +62,7 @@ impl Reference {
     /// As [`Reference::find`].
     pub(super) fn of(description: &Description, wanted: &str, velocity: [f64; 3]) -> Result<Self> {
         let patch = super::known(description, wanted)?;
-        let speed = velocity.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let speed = norm(velocity);
         let drag_direction = velocity.map(|v| v / speed);
         let lift_direction = across(drag_direction, &description.directions);
         let extent =
@@ -86,8 +86,7 @@ pub(super) fn inlet_velocity(case: &mut FoamCase, time: usize) -> Result<Option<
     let mean = |d: usize| inlets.iter().map(|f| f.velocity[d] * f.area).sum::<f64>();
     let area: f64 = inlets.iter().map(|f| f.area).sum();
     let velocity: [f64; 3] = std::array::from_fn(|d| mean(d) / area.max(f64::MIN_POSITIVE));
-    let square: f64 = velocity.iter().map(|v| v * v).sum();
-    Ok((square > 0.0).then_some(velocity))
+    Ok((norm(velocity) > 0.0).then_some(velocity))
 }
 
 /// Patches that fluid enters through.
@@ -121,9 +120,9 @@ fn across(flow: [f64; 3], directions: &[usize]) -> [f64; 3] {
             result[d] -= flow[up] * flow[d];
         }
     }
-    let norm = result.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let length = norm(result).max(f64::MIN_POSITIVE);
     // Adding zero makes -0 a plain 0.
-    result.map(|v| v / norm.max(f64::MIN_POSITIVE) + 0.0)
+    result.map(|v| v / length + 0.0)
 }
 
 /// Drag and lift of both runs; lists have one entry a common time.
@@ -186,8 +185,8 @@ impl Forces {
     fn push(&mut self, both: [[f64; 3]; 2]) {
         let r = &self.reference;
         let scale = 0.5 * r.speed * r.speed * r.area;
-        let along = |force: [f64; 3], n: [f64; 3]| (0..3).map(|d| force[d] * n[d]).sum::<f64>() / scale;
-        let [drag, lift] = [r.drag_direction, r.lift_direction].map(|n| both.map(|force| along(force, n)));
+        let [drag, lift] =
+            [r.drag_direction, r.lift_direction].map(|n| both.map(|force| dot(force, n) / scale));
         self.drag_a.push(drag[0]);
         self.drag_b.push(drag[1]);
         self.lift_a.push(lift[0]);

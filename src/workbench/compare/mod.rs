@@ -24,6 +24,7 @@ mod tables;
 pub use cost::Cost;
 pub use phase::PhaseFree;
 pub use series::Statistics;
+pub(crate) use series::change;
 pub use tables::Probe;
 
 use crate::errors::{FieldErrors, Track};

@@ -2,11 +2,13 @@
 //! one that moves most; its component is the one that moves most. The force on a patch is in [`super::reaction`].
 
 use super::report::{Row, both_runs};
+use super::series::relative;
 use super::{Options, known};
 use crate::errors::FieldErrors;
 use crate::foam_case::{Description, FoamCase};
 use m4gn_averages::spectrum;
 use m4gn_base::{Error, Result};
+use m4gn_mesh::vector::{dot, norm};
 use m4gn_report::{Page, number, percent, seconds};
 use serde::Serialize;
 
@@ -76,8 +78,7 @@ impl Motion {
         let off: Vec<f64> = point_a.iter().zip(&point_b).map(|(p, q)| q - p).collect();
         let square = off.iter().map(|e| e * e).sum::<f64>() / off.len() as f64;
         let frequency = [&point_a, &point_b].map(|v| spectrum::frequency(times, v));
-        let squares = full.iter().flatten().map(square_of);
-        let range = squares.fold(0.0, f64::max).sqrt();
+        let range = full.iter().flatten().map(|d| norm(*d)).fold(0.0, f64::max);
         let largest = errors.error.iter().copied().fold(0.0, f64::max);
         Ok(Motion {
             displacement_range: range,
@@ -88,10 +89,7 @@ impl Motion {
             amplitude,
             point_error_rms: square.sqrt() / amplitude,
             point_error_max: off.iter().fold(0.0f64, |m, e| m.max(e.abs())) / amplitude,
-            frequency_error: match frequency {
-                [Some(p), Some(q)] => Some((q / p - 1.0).abs()),
-                _ => None,
-            },
+            frequency_error: relative(frequency),
             periods: frequency[0].zip(times.last()).map(|(f, last)| f * (last - takeover)),
             frequency,
             point_a,
@@ -146,16 +144,12 @@ pub(super) fn place(point: [f64; 3]) -> String {
     format!("({})", point.map(seconds).join(" "))
 }
 
-fn square_of(d: &[f64; 3]) -> f64 {
-    d.iter().map(|v| v * v).sum()
-}
-
 /// The cell with the largest displacement of all times; of equal ones the first.
 fn most_moved(fields: &[Vec<[f64; 3]>]) -> usize {
     let (mut cell, mut most) = (0, -1.0);
     for (i, d) in fields.iter().flat_map(|field| field.iter().enumerate()) {
-        if square_of(d) > most {
-            (cell, most) = (i, square_of(d));
+        if dot(*d, *d) > most {
+            (cell, most) = (i, dot(*d, *d));
         }
     }
     cell

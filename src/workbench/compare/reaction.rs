@@ -7,6 +7,7 @@ use super::known;
 use super::report::{Row, both_runs, figures};
 use crate::foam_case::{self, FoamCase, Unknown};
 use m4gn_base::Result;
+use m4gn_mesh::vector::{dot, norm, sub};
 use m4gn_report::{Page, percent};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -95,8 +96,7 @@ impl Track {
     /// The comparison.
     pub fn finish(self) -> Reaction {
         let [a, b] = self.forces;
-        let difference: Vec<[f64; 3]> =
-            a.iter().zip(&b).map(|(a, b)| std::array::from_fn(|d| b[d] - a[d])).collect();
+        let difference: Vec<[f64; 3]> = a.iter().zip(&b).map(|(a, b)| sub(*b, *a)).collect();
         let some = !a.is_empty();
         let rms = some.then(|| [rms(&a), rms(&b)]);
         let largest = some.then(|| [largest(&a), largest(&b)]);
@@ -130,16 +130,12 @@ impl Track {
     }
 }
 
-fn square(v: &[f64; 3]) -> f64 {
-    v.iter().map(|x| x * x).sum()
-}
-
 fn rms(forces: &[[f64; 3]]) -> f64 {
-    (forces.iter().map(square).sum::<f64>() / forces.len().max(1) as f64).sqrt()
+    (forces.iter().map(|f| dot(*f, *f)).sum::<f64>() / forces.len().max(1) as f64).sqrt()
 }
 
 fn largest(forces: &[[f64; 3]]) -> f64 {
-    forces.iter().map(|f| square(f).sqrt()).fold(0.0, f64::max)
+    forces.iter().map(|f| norm(*f)).fold(0.0, f64::max)
 }
 
 impl Reaction {

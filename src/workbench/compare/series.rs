@@ -49,12 +49,17 @@ impl Series {
     }
 }
 
-/// |B / A - 1|; none where one of them is missing, or A is zero.
-pub(super) fn relative(pair: [Option<f64>; 2]) -> Option<f64> {
+/// B / A - 1; none where one of them is missing, or A is zero.
+pub(crate) fn change(pair: [Option<f64>; 2]) -> Option<f64> {
     match pair {
-        [Some(a), Some(b)] if a != 0.0 => Some((b / a - 1.0).abs()),
+        [Some(a), Some(b)] if a != 0.0 => Some(b / a - 1.0),
         _ => None,
     }
+}
+
+/// The size of the [`change`].
+pub(super) fn relative(pair: [Option<f64>; 2]) -> Option<f64> {
+    change(pair).map(f64::abs)
 }
 
 #[cfg(test)]

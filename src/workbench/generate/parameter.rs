@@ -263,8 +263,8 @@ pub(super) fn draw(
     parameters.iter().enumerate().map(one).collect()
 }
 
-/// Six significant digits.
-fn short(value: f64) -> f64 {
+/// A number with six significant digits.
+pub(crate) fn short(value: f64) -> f64 {
     format!("{value:.5e}").parse().unwrap_or(value)
 }
 

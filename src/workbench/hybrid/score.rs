@@ -1,6 +1,6 @@
 //! The figures of one run against the full run.
 
-use crate::compare::Comparison;
+use crate::compare::{Comparison, change};
 use serde::{Deserialize, Serialize};
 
 /// Errors of a run, of a flow's velocity or of a solid's displacement; forces are relative to the full run's and keep their sign.
@@ -55,14 +55,6 @@ pub struct Score {
     pub ended: Option<f64>,
     /// Number of cells; 0 where fields are not compared.
     pub cells: usize,
-}
-
-/// B / A - 1 of what both runs have.
-fn change(pair: [Option<f64>; 2]) -> Option<f64> {
-    match pair {
-        [Some(a), Some(b)] if a != 0.0 => Some(b / a - 1.0),
-        _ => None,
-    }
 }
 
 impl Score {

@@ -1,6 +1,7 @@
 //! What came of a study: a table a test, for people (text, Markdown) and for programs (JSON).
 
 use super::{Cell, Data, Failure, Plan};
+use crate::signal::median;
 use m4gn_base::{Result, files};
 use m4gn_report::{Table, number};
 use serde_json::{Value, json};
@@ -53,12 +54,10 @@ fn figure(figures: &Value, row: &str, key: &str) -> Option<f64> {
         |case: &Value| case[row].is_object().then(|| case[row]["rmse_all"].as_f64().unwrap_or(f64::INFINITY));
     let cases = figures["cases"].as_array()?.iter();
     let cases = cases.filter(|case| counts(figures, case["split"].as_str().unwrap_or_default()));
-    let mut all: Vec<f64> = cases.filter_map(of_case).collect();
-    all.sort_by(f64::total_cmp);
-    let n = all.len();
+    let all = cases.filter_map(of_case);
     match key {
-        "worst" => all.last().copied(),
-        _ => Some(0.5 * (all.get(n.checked_sub(1)? / 2)? + all.get(n / 2)?)),
+        "worst" => all.max_by(f64::total_cmp),
+        _ => median(all),
     }
 }
 
