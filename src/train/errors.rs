@@ -49,7 +49,7 @@ pub fn cumulative(steps: &[SquaredError]) -> Vec<f64> {
 }
 
 /// RMSE at the three horizons, in the unit of the field; infinite where a rollout became non-finite before, NaN where there is none.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Figures {
     /// RMSE-1: single steps, from every recorded frame at the stride.
     pub rmse_1: f64,

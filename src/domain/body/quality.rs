@@ -38,14 +38,18 @@ pub struct Quality {
 impl Quality {
     /// Mean of each figure; all 0 for none.
     pub fn mean(all: &[Quality]) -> Quality {
-        let mean = |of: fn(&Quality) -> f64| all.iter().map(of).sum::<f64>() / all.len().max(1) as f64;
+        Quality::of(|figure| all.iter().map(figure).sum::<f64>() / all.len().max(1) as f64)
+    }
+
+    /// What is made of each figure.
+    pub fn of(make: impl Fn(fn(&Quality) -> f64) -> f64) -> Quality {
         Quality {
-            gf_h: mean(|q| q.gf_h),
-            gf_c: mean(|q| q.gf_c),
-            mc: mean(|q| q.mc),
-            mc_predicted: mean(|q| q.mc_predicted),
-            ar: mean(|q| q.ar),
-            inverted: mean(|q| q.inverted),
+            gf_h: make(|q| q.gf_h),
+            gf_c: make(|q| q.gf_c),
+            mc: make(|q| q.mc),
+            mc_predicted: make(|q| q.mc_predicted),
+            ar: make(|q| q.ar),
+            inverted: make(|q| q.inverted),
         }
     }
 }

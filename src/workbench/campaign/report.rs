@@ -1,6 +1,6 @@
 //! What came of a campaign: a table of all figures, and a page.
 
-use super::record::{DONE, Figure, Record, State};
+use super::record::{Cost, DONE, Figure, Record, State};
 use super::table::{NAME, OF_RESULTS, csv_text, number as as_number};
 use super::{Campaign, Unit};
 use m4gn_base::{Result, files};
@@ -295,29 +295,18 @@ fn cost(campaign: &Campaign, runs: &[Run]) -> Table {
     ];
     let parameters = campaign.table.parameters.iter().map(String::as_str);
     let mut table = Table::new(["run"].into_iter().chain(parameters).chain(own));
+    let parts: [fn(&Cost) -> f64; 6] =
+        [|c| c.prepare, |c| c.start, |c| c.solver, |c| c.surrogate, |c| c.states, |c| c.wall];
     for Run { name, unit, record: r } in runs {
-        let c = &r.cost;
         let mut row = vec![name.clone()];
         row.extend(campaign.table.rows[unit.row].values.iter().cloned());
-        row.extend([r.start.to_string(), r.start.note.clone().unwrap_or_default()]);
-        row.extend(
-            [r.end_time, c.prepare, c.start, c.solver, c.surrogate, c.states, c.wall].map(|v| number(v, 3)),
-        );
+        row.extend([r.start.to_string(), r.start.note.clone().unwrap_or_default(), number(r.end_time, 3)]);
+        row.extend(parts.map(|part| number(part(&r.cost), 3)));
         table.row(row);
     }
     let mut sum = vec!["all".to_string()];
-    sum.extend(campaign.table.parameters.iter().map(|_| String::new()));
-    sum.extend(["".to_string(), "".to_string(), "".to_string()]);
-    let total =
-        |of: fn(&super::record::Cost) -> f64| number(runs.iter().map(|r| of(&r.record.cost)).sum(), 3);
-    sum.extend([
-        total(|c| c.prepare),
-        total(|c| c.start),
-        total(|c| c.solver),
-        total(|c| c.surrogate),
-        total(|c| c.states),
-        total(|c| c.wall),
-    ]);
+    sum.resize(table.headers.len() - parts.len(), String::new());
+    sum.extend(parts.map(|part| number(runs.iter().map(|r| part(&r.record.cost)).sum(), 3)));
     table.row(sum);
     table
 }

@@ -1,16 +1,12 @@
 //! Figures of trajectories, together and one by one: tables for people, and the figures file.
 
 use super::{Case, FieldErrors, Pace, Prediction};
+use m4gn_base::settings::object;
 use m4gn_data::Split;
 use m4gn_domain::body::quality::Quality;
 use m4gn_report::{Table, number};
 use m4gn_train::errors::Figures;
 use serde_json::{Map, Value, json};
-
-/// As JSON; null where not finite.
-fn figures_json(f: Figures) -> Value {
-    json!({ "rmse_1": f.rmse_1, "rmse_50": f.rmse_50, "rmse_all": f.rmse_all })
-}
 
 fn figures_cells(f: Figures) -> [String; 3] {
     [f.rmse_1, f.rmse_50, f.rmse_all].map(|v| match v.is_finite() {
@@ -41,14 +37,6 @@ pub struct Row {
 
 impl Row {
     fn of(p: &Prediction, pace: Pace, horizon: f64) -> Self {
-        let infinite = Quality {
-            gf_h: f64::INFINITY,
-            gf_c: f64::INFINITY,
-            mc: f64::INFINITY,
-            mc_predicted: f64::INFINITY,
-            ar: f64::INFINITY,
-            inverted: f64::INFINITY,
-        };
         let steps = [pace.steps_within(horizon), pace.steps];
         let diverged = p.diverged.is_some();
         let figures = |f: &FieldErrors| Figures::of(&f.single, &f.rollout, steps, diverged);
@@ -58,7 +46,7 @@ impl Row {
             figures: p.fields.iter().map(figures).collect(),
             quality: p.quality.as_ref().map(|all| match p.diverged {
                 None => Quality::mean(all),
-                Some(_) => infinite,
+                Some(_) => Quality::of(|_| f64::INFINITY),
             }),
             gap: smallest(&p.gap),
             largest: p.largest,
@@ -90,24 +78,13 @@ impl Row {
     }
 
     fn json(&self) -> Value {
-        let mut row = figures_json(self.figures[0]);
-        let quality = self.quality.map(|q| {
-            [
-                ("gf_h", q.gf_h),
-                ("gf_c", q.gf_c),
-                ("mc", q.mc),
-                ("mc_predicted", q.mc_predicted),
-                ("ar", q.ar),
-                ("inverted", q.inverted),
-            ]
-        });
+        // What is not finite is null
+        let mut row = object(json!(self.figures[0]));
+        row.extend(object(json!(self.quality)));
         let others =
             [("worst_gap", self.gap), ("largest_ratio", self.largest), ("ms_per_step", self.step_ms())];
-        let others = others.into_iter().filter_map(|(key, v)| Some((key, v?)));
-        for (key, value) in quality.into_iter().flatten().chain(others) {
-            row[key] = json!(value);
-        }
-        row
+        row.extend(others.into_iter().filter_map(|(key, v)| Some((key.to_string(), json!(v?)))));
+        Value::Object(row)
     }
 }
 
@@ -261,7 +238,7 @@ fn add_rows(figures: &mut Value, rows: &[Row], fields: &[(String, String)]) {
     for (k, (name, unit)) in fields.iter().enumerate().skip(1) {
         let mut other = json!({ "unit": unit });
         for row in rows {
-            other[row.key] = figures_json(row.figures[k]);
+            other[row.key] = json!(row.figures[k]);
         }
         others.insert(name.clone(), other);
     }
