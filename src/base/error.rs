@@ -86,6 +86,12 @@ impl Error {
     }
 }
 
+/// Things in a line of a message: `a, b, c`.
+pub fn listed<T: std::fmt::Display>(all: impl IntoIterator<Item = T>) -> String {
+    let all: Vec<String> = all.into_iter().map(|one| one.to_string()).collect();
+    all.join(", ")
+}
+
 /// An error of this kind where `wrong`: `refuse(n == 0, Error::Input, || "no cells")?`.
 pub fn refuse<E, M: Into<String>>(
     wrong: bool,

@@ -11,4 +11,4 @@ pub mod lock;
 pub mod plugin;
 pub mod settings;
 
-pub use error::{Error, Result, refuse, refuse_any};
+pub use error::{Error, Result, listed, refuse, refuse_any};

@@ -10,7 +10,7 @@
 //! handlers of the libraries that it brings would return into nothing.
 #![allow(unsafe_code)]
 
-use crate::{Error, Result, refuse};
+use crate::{Error, Result, listed, refuse};
 use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_LOCAL, RTLD_NOW};
 use std::ffi::{CStr, CString, OsString, c_char, c_void};
 use std::mem::ManuallyDrop;
@@ -79,14 +79,9 @@ pub fn find(file: &str, remedy: &str) -> Result<PathBuf> {
     let places = places();
     let found = places.iter().map(|p| p.join(file)).find(|p| p.is_file());
     found.ok_or_else(|| {
-        let tried: Vec<_> = places.iter().map(|p| p.display().to_string()).collect();
-        Error::file(
-            file,
-            format!(
-                "not found in {}. {remedy}. Set M4GN_HOME to the checkout if this program was moved",
-                tried.join(", ")
-            ),
-        )
+        let tried = listed(places.iter().map(|p| p.display()));
+        let home = "Set M4GN_HOME to the checkout if this program was moved";
+        Error::file(file, format!("not found in {tried}. {remedy}. {home}"))
     })
 }
 

@@ -1,7 +1,7 @@
 //! `m4gn check`: does a case fit?
 
 use super::{claim_outputs, stop_flag, write_json};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, listed};
 use m4gn_report::number;
 use m4gn_workbench::check::{self, Case, Checked, Finding, Plan};
 use std::path::{Path, PathBuf};
@@ -64,8 +64,8 @@ pub fn run(args: Args) -> Result<()> {
     let (open, refused): (Vec<&Finding>, Vec<&Finding>) = unfit.partition(|f| f.open);
     for (some, what) in [(refused, "does not fit"), (open, "it cannot be told yet whether it fits")] {
         if !some.is_empty() {
-            let names: Vec<&str> = some.iter().map(|f| f.surrogate.as_str()).collect();
-            return Err(Error::Input(format!("{}: {what} ({})", checked.case, names.join(", "))));
+            let names = listed(some.iter().map(|f| &f.surrogate));
+            return Err(Error::Input(format!("{}: {what} ({names})", checked.case)));
         }
     }
     Ok(())

@@ -2,7 +2,7 @@
 
 use super::{Common, positive};
 use m4gn_base::plugin::homes;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, listed};
 use m4gn_workbench::generate::openfoam::{absolute, one_thread};
 use m4gn_workbench::generate::process::find_program;
 use m4gn_workbench::generate::queue::Made;
@@ -101,10 +101,9 @@ fn package() -> Result<PathBuf> {
     let folders: Vec<PathBuf> = homes().into_iter().map(|home| home.join("tools")).collect();
     let is_there = |p: &&PathBuf| Path::new(p).join("m4gn_solids/__main__.py").is_file();
     folders.iter().find(is_there).cloned().ok_or_else(|| {
-        let tried: Vec<_> = folders.iter().map(|p| p.display().to_string()).collect();
+        let tried = listed(folders.iter().map(|p| p.display()));
         Error::Input(format!(
-            "the Python package m4gn_solids was not found in {}: set M4GN_HOME to the checkout",
-            tried.join(", ")
+            "the Python package m4gn_solids was not found in {tried}: set M4GN_HOME to the checkout"
         ))
     })
 }

@@ -1,5 +1,6 @@
 //! What is in a trajectory of a deforming body beside its fields.
 
+use m4gn_base::listed;
 use m4gn_data::Trajectory;
 use m4gn_domain::body::gap::cell_size;
 use m4gn_mesh::NodeType;
@@ -16,12 +17,11 @@ pub(super) fn describe(t: &Trajectory, body: &Body, text: &mut String, figures: 
         let count = body.elements.kind.iter().filter(|&&k| k == kind).count();
         (count > 0).then(|| format!("{count} {}", kind.name()))
     });
-    let kinds: Vec<String> = kinds.collect();
     let _ = writeln!(
         text,
         "body        {} points ({handles} handle), {}, {} edges, mean edge {size:.4} m",
         body.positions.len(),
-        kinds.join(", "),
+        listed(kinds),
         body.edges.len()
     );
     let range = |of: fn(&Material) -> f64| {

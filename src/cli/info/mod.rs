@@ -3,7 +3,7 @@
 mod body;
 
 use super::write_json;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, listed};
 use m4gn_data::{Frame, Split, Trajectory, list};
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{Model, TrainedOn};
@@ -256,7 +256,7 @@ fn words(value: &Value) -> String {
         Value::Array(list) if !list.is_empty() => list.iter().map(inner).collect::<Vec<_>>().join(" "),
         Value::Object(entries) => {
             let given = entries.iter().filter(|(_, value)| !value.is_null());
-            given.map(|(key, value)| format!("{key} {}", inner(value))).collect::<Vec<_>>().join(", ")
+            listed(given.map(|(key, value)| format!("{key} {}", inner(value))))
         }
         _ => value.to_string(),
     }

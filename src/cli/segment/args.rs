@@ -1,7 +1,6 @@
 //! What `m4gn segment` is told.
 
-use m4gn_base::Result;
-use m4gn_base::settings;
+use m4gn_base::{Result, listed, settings};
 use m4gn_mesh::NodeType;
 use m4gn_model::MAX_SEGMENTS;
 use m4gn_model::modal::ModalSolver;
@@ -124,9 +123,6 @@ fn node_type(text: &str) -> std::result::Result<(String, NodeType), String> {
         text.split_once('=').and_then(|(patch, kind)| Some((patch, kinds().find(|t| t.name() == kind)?)));
     match found {
         Some((patch, kind)) if !patch.is_empty() => Ok((patch.to_string(), kind)),
-        _ => {
-            let names: Vec<_> = kinds().map(NodeType::name).collect();
-            Err(format!("expected PATCH=TYPE with one of {}", names.join(", ")))
-        }
+        _ => Err(format!("expected PATCH=TYPE with one of {}", listed(kinds().map(NodeType::name)))),
     }
 }

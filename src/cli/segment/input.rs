@@ -2,7 +2,7 @@
 
 use m4gn_base::plugin::{folder_variable, homes};
 use m4gn_base::settings;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, listed};
 use m4gn_data as dataset;
 use m4gn_data::Trajectory;
 use m4gn_mesh::{Mesh, NodeType};
@@ -210,8 +210,8 @@ impl Input {
                     &stale,
                     stored.record,
                 )?;
-                let list: Vec<&str> = fields.iter().map(|(name, _)| name.as_str()).collect();
-                Ok(format!("{} in {}", list.join(", "), case.start_folder().display()))
+                let names = listed(fields.iter().map(|(name, _)| name));
+                Ok(format!("{names} in {}", case.start_folder().display()))
             }
             Input::Data(_) => {
                 let vtu =

@@ -35,7 +35,7 @@ pub use run::{Order, line, run, status};
 use crate::generate::openfoam::{environment, lies_in, plain_path, scratch};
 use crate::generate::process::Surroundings;
 use case::{MadeFrom, Source};
-use m4gn_base::{Error, Result, refuse};
+use m4gn_base::{Error, Result, listed, refuse};
 use record::State;
 use settings::Settings;
 use start::Sister;
@@ -134,10 +134,10 @@ impl Campaign {
     /// [`Error::File`] where there is no such row, naming some that are there.
     pub fn unit(&self, name: &str, check: bool) -> Result<Unit> {
         let row = self.table.rows.iter().position(|r| r.name == name).ok_or_else(|| {
-            let some: Vec<&str> = self.table.rows.iter().take(6).map(|r| r.name.as_str()).collect();
+            let some = listed(self.table.rows.iter().take(6).map(|r| &r.name));
             Error::file(
                 self.folder.join(table::FILE),
-                format!("has no run {name}: expected one of {}, ...", some.join(", ")),
+                format!("has no run {name}: expected one of {some}, ..."),
             )
         })?;
         Ok(Unit { row, check })

@@ -3,6 +3,7 @@
 use super::cycle;
 use super::start::{Scale, Sister, Start, length, offset, ratio};
 use crate::signal::median;
+use m4gn_base::listed;
 
 /// What is taken from sisters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,10 +57,8 @@ impl Plan {
                 let judged =
                     [Kind::Cycle, Kind::Nearest].map(|kind| (kind, share(kind, sisters, first.far())));
                 let words = |share: f64| format!("took {} of a cold run", m4gn_report::number(share, 2));
-                let all: Vec<String> = judged
-                    .iter()
-                    .filter_map(|(k, s)| Some(format!("{} {}", k.name(), words((*s)?))))
-                    .collect();
+                let told = |(k, s): &(Kind, Option<f64>)| Some(format!("{} {}", k.name(), words((*s)?)));
+                let all = listed(judged.iter().filter_map(told));
                 let mut some: Vec<(Kind, Option<f64>)> =
                     judged.into_iter().filter(|(_, share)| share.is_none_or(|s| s < 1.0)).collect();
                 // Those that are new, those that pay, those that may now
@@ -69,7 +68,7 @@ impl Plan {
                 some.sort_by(|a, b| place(a).total_cmp(&place(b)));
                 let why = |share: Option<f64>| Some(share.map_or("tried".to_string(), words));
                 kinds = some.into_iter().map(|(kind, share)| (kind, why(share))).collect();
-                cold = (!all.is_empty()).then(|| all.join(", "));
+                cold = (!all.is_empty()).then_some(all);
             }
         }
         Plan { kinds, cold }

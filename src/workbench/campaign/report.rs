@@ -3,7 +3,7 @@
 use super::record::{Cost, DONE, Figure, Record, State};
 use super::table::{NAME, OF_RESULTS, csv_text, number as as_number};
 use super::{Campaign, Unit};
-use m4gn_base::{Result, files};
+use m4gn_base::{Result, files, listed};
 use m4gn_report::chart::{Axis, BLUE, ORANGE};
 use m4gn_report::{Chart, Page, Series, Table, number};
 use std::collections::BTreeSet;
@@ -41,17 +41,10 @@ pub fn report(campaign: &Campaign) -> Result<Report> {
         let name = campaign.name(unit);
         match campaign.state(unit)? {
             State::Done(record) => {
-                let unknown: Vec<&str> = record
-                    .quantities
-                    .iter()
-                    .filter(|(_, f)| f.known == Some(false))
-                    .map(|(n, _)| n.as_str())
-                    .collect();
+                let unknown = record.quantities.iter().filter(|(_, f)| f.known == Some(false));
+                let unknown = listed(unknown.map(|(quantity, _)| quantity));
                 if !unknown.is_empty() {
-                    notes.push(format!(
-                        "{name}: {} not known within the tolerance at the end",
-                        unknown.join(", ")
-                    ));
+                    notes.push(format!("{name}: {unknown} not known within the tolerance at the end"));
                 }
                 runs.push(Run { name, unit, record: *record });
             }

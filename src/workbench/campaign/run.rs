@@ -6,7 +6,7 @@ use super::settings::{FILE, Quantity};
 use super::{Campaign, Unit, one, table};
 use crate::generate::process::Surroundings;
 use crate::generate::queue::in_parallel;
-use m4gn_base::{Error, Result, lock, refuse};
+use m4gn_base::{Error, Result, listed, lock, refuse};
 use m4gn_report::{Table, number};
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -214,7 +214,7 @@ fn made(campaign: &Campaign, unit: Unit, asked: Order, waits: bool, tools: &Surr
 fn called(campaign: &Campaign, unit: Unit) -> String {
     let row = &campaign.table.rows[unit.row];
     let parameters = campaign.table.parameters.iter().zip(&row.values).map(|(p, v)| format!("{p} {v}"));
-    format!("{} ({}): ", campaign.name(unit), parameters.collect::<Vec<_>>().join(", "))
+    format!("{} ({}): ", campaign.name(unit), listed(parameters))
 }
 
 /// What there is to say of a run that is done.
@@ -226,7 +226,7 @@ pub fn line(record: &Record) -> String {
     let note = record.start.note.as_ref().map_or(String::new(), |n| format!(" ({n})"));
     format!(
         "{}, from {}{note}, to {} s, {} s of processor time",
-        figures.collect::<Vec<_>>().join(", "),
+        listed(figures),
         record.start,
         number(record.end_time, 4),
         number(record.cost.total(), 3)

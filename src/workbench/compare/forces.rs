@@ -5,7 +5,7 @@ use super::report::{Row, both_runs};
 use super::series::{FEWEST, Series, relative};
 use super::tables::{Table, common, over};
 use crate::foam_case::{Description, FoamCase, FunctionObject};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, listed};
 use m4gn_mesh::vector::{cross, dot, norm};
 use m4gn_report::{Page, number, percent};
 use serde::Serialize;
@@ -44,12 +44,11 @@ impl Reference {
         if let (Err(e), given) = (super::known(&description, wanted), &options.patch) {
             return given.as_ref().map_or(Ok(None), |_| Err(e));
         }
-        let names: Vec<&str> = description.patches.iter().map(|p| p.name.as_str()).collect();
         let velocity = inlet_velocity(case, time)?.ok_or_else(|| {
             Error::Input(format!(
                 "no fluid enters {} through any of its patches ({}) at {} s, so drag has no direction",
                 description.path,
-                names.join(", "),
+                listed(description.patches.iter().map(|p| &p.name)),
                 description.times[time]
             ))
         })?;

@@ -30,7 +30,7 @@ pub use tables::Probe;
 use crate::errors::{FieldErrors, Track};
 use crate::foam_case::{Description, FoamCase, Patch};
 use forces::{Forces, Reference};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, listed};
 use m4gn_report::Snapshot;
 use mapping::Mapping;
 use motion::Motion;
@@ -352,12 +352,8 @@ fn choose(n: usize, count: usize) -> Vec<usize> {
 fn known<'a>(description: &'a Description, patch: &str) -> Result<&'a Patch> {
     let found = description.patches.iter().find(|p| p.name == patch);
     found.ok_or_else(|| {
-        let names: Vec<&str> = description.patches.iter().map(|p| p.name.as_str()).collect();
-        Error::Input(format!(
-            "patch {patch} is not in {}: its patches are {}",
-            description.path,
-            names.join(", ")
-        ))
+        let names = listed(description.patches.iter().map(|p| &p.name));
+        Error::Input(format!("patch {patch} is not in {}: its patches are {names}", description.path))
     })
 }
 

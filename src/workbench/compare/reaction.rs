@@ -6,7 +6,7 @@
 use super::known;
 use super::report::{Row, both_runs, figures};
 use crate::foam_case::{self, FoamCase, Unknown};
-use m4gn_base::Result;
+use m4gn_base::{Result, listed};
 use m4gn_mesh::vector::{dot, norm, sub};
 use m4gn_report::{Page, percent};
 use serde::Serialize;
@@ -170,7 +170,7 @@ impl Reaction {
             self.patch,
             self.times.len(),
             self.times.len() + left,
-            parts.collect::<Vec<_>>().join(", ")
+            listed(parts)
         ))
     }
 

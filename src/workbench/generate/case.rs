@@ -7,7 +7,7 @@ use super::parameter::Value;
 use super::process::Surroundings;
 use super::queue::{Case, other_number};
 use m4gn_base::digest::Digest;
-use m4gn_base::{Error, Result, files};
+use m4gn_base::{Error, Result, files, listed};
 use m4gn_data::{Split, Trajectory};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -83,15 +83,9 @@ impl Family {
                 Ok(text) => match fill(&text, value) {
                     (text, None) => text.into_bytes(),
                     (_, Some(unknown)) => {
-                        let mut known: Vec<&str> = draw.variables.keys().map(String::as_str).collect();
-                        known.extend(RESERVED);
-                        return Err(Error::file(
-                            from,
-                            format!(
-                                "@{unknown}@ stands for nothing: expected @NAME@ with one of {}",
-                                known.join(", ")
-                            ),
-                        ));
+                        let known = listed(draw.variables.keys().map(String::as_str).chain(RESERVED));
+                        let what = "stands for nothing: expected @NAME@ with one of";
+                        return Err(Error::file(from, format!("@{unknown}@ {what} {known}")));
                     }
                 },
             };

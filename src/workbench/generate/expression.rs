@@ -4,7 +4,7 @@
 //! `round`, `ceil`, and `steps(x)`: the smallest number of steps, at least x, that makes their length a short decimal. As on paper
 //! and in Python `-2**2` is -4 and `2**3**2` is 512. Each number on the way is finite, or the expression is an error.
 
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, listed};
 use std::collections::BTreeMap;
 
 /// Numbers by name.
@@ -41,9 +41,8 @@ pub fn holds(expression: &str, variables: &Variables) -> Result<bool> {
 }
 
 fn fault(expression: &str, variables: &Variables, what: &str) -> Error {
-    let known: Vec<&str> = variables.keys().map(String::as_str).collect();
     let shown: String = expression.chars().take(200).collect();
-    Error::Input(format!("expression '{shown}': {what}; the names here are {}", known.join(", ")))
+    Error::Input(format!("expression '{shown}': {what}; the names here are {}", listed(variables.keys())))
 }
 
 /// What went wrong, in words.
@@ -136,10 +135,7 @@ fn operation(sign: &str, left: Fallible<Value>, right: Fallible<Value>) -> Falli
 
 fn applied(name: &str, arguments: Vec<Fallible<Value>>) -> Fallible<Value> {
     let values = arguments.into_iter().map(|v| v?.number()).collect::<Fallible<Vec<f64>>>()?;
-    let shown = || {
-        let values: Vec<String> = values.iter().map(f64::to_string).collect();
-        format!("{name}({})", values.join(", "))
-    };
+    let shown = || format!("{name}({})", listed(&values));
     match (function(name), &values[..]) {
         (Some(Function::One(f)), [x]) => finite(f(*x), shown),
         (Some(Function::Two(f)), [x, y]) => finite(f(*x, *y), shown),

@@ -8,7 +8,7 @@ use super::command::Command;
 use super::expression::{self, Variables};
 use super::parameter::{self, Parameter, Setting, Settings, Value, check_decimals, is_word, rounded, shown};
 use super::requirement::Requirement;
-use m4gn_base::{Error, Result, files};
+use m4gn_base::{Error, Result, files, listed};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -265,11 +265,10 @@ impl Family {
             match known {
                 Some(p) => p.check_setting(setting),
                 None => {
-                    let names: Vec<&str> = self.parameters.iter().map(|p| p.name.as_str()).collect();
+                    let names = listed(self.parameters.iter().map(|p| &p.name));
                     Err(Error::Input(format!(
-                        "family {} has no parameter '{name}': it has {}",
-                        self.name,
-                        names.join(", ")
+                        "family {} has no parameter '{name}': it has {names}",
+                        self.name
                     )))
                 }
             }
@@ -303,13 +302,12 @@ impl Family {
         }
         for requirement in &self.requirements {
             if !requirement.holds(&variables)? {
-                let drawn: Vec<String> =
-                    self.parameters.iter().zip(&values).map(|(p, v)| format!("{} {v}", p.name)).collect();
+                let drawn = self.parameters.iter().zip(&values).map(|(p, v)| format!("{} {v}", p.name));
                 return Err(Error::Input(format!(
                     "case {index} of family {} cannot be: {} ({})",
                     self.name,
                     requirement.otherwise,
-                    drawn.join(", ")
+                    listed(drawn)
                 )));
             }
         }
@@ -363,11 +361,8 @@ impl Family {
                 (_, Some(value)) => value.to_string(),
                 _ => String::new(),
             };
-            let choices: Vec<&str> = p.choices.keys().map(String::as_str).collect();
-            let choices = match choices.is_empty() {
-                true => String::new(),
-                false => format!(": {}", choices.join(", ")),
-            };
+            let choices = listed(p.choices.keys());
+            let choices = if choices.is_empty() { choices } else { format!(": {choices}") };
             format!("  {:<width$}  {}{choices} [{usual}]\n", p.name, p.about)
         };
         self.parameters.iter().map(line).collect()

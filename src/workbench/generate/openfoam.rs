@@ -2,7 +2,7 @@
 
 use super::process::{Surroundings, find_program};
 use m4gn_base::plugin::{find, folder_variable, places};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, listed, refuse};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicU8;
@@ -16,15 +16,13 @@ const DEBIAN_OPENFOAM: &str = "/usr/share/openfoam";
 /// # Errors
 /// [`Error::Input`] that names the programs that are missing; [`Error::File`] without libm4gnFoam.so.
 pub fn environment(programs: &[&str]) -> Result<Vec<(String, OsString)>> {
-    let missing: Vec<&str> =
-        programs.iter().copied().filter(|p| !p.contains('/') && find_program(p).is_none()).collect();
-    if !missing.is_empty() {
-        return Err(Error::Input(format!(
-            "{} not found in PATH: install OpenFOAM and gmsh (Debian: apt-get install openfoam gmsh), or source your \
-             OpenFOAM's etc/bashrc; docs/how-to/build-solids4foam.md says where solids4Foam comes from",
-            missing.join(", ")
-        )));
-    }
+    let missing = listed(programs.iter().filter(|p| !p.contains('/') && find_program(p).is_none()));
+    refuse(!missing.is_empty(), Error::Input, || {
+        format!(
+            "{missing} not found in PATH: install OpenFOAM and gmsh (Debian: apt-get install openfoam gmsh), or source your \
+             OpenFOAM's etc/bashrc; docs/how-to/build-solids4foam.md says where solids4Foam comes from"
+        )
+    })?;
     find("libm4gnFoam.so", "./Allrun builds it")?;
     let mut places: Vec<PathBuf> = places();
     places.extend(std::env::var_os("LD_LIBRARY_PATH").iter().flat_map(std::env::split_paths));

@@ -1,6 +1,6 @@
 //! Parameters of a family: what each is, what the user sets it to, and how it is drawn.
 
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, listed};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -174,9 +174,9 @@ impl Parameter {
     /// # Errors
     /// [`Error::Input`] that says what it can be set to.
     pub fn check_setting(&self, setting: &Setting) -> Result<()> {
-        let choices: Vec<&str> = self.choices.keys().map(String::as_str).collect();
+        let choices = listed(self.choices.keys());
         let expected = match (choices.is_empty(), self.above) {
-            (false, _) => format!("one of {}", choices.join(", ")),
+            (false, _) => format!("one of {choices}"),
             (true, Some(above)) => format!("numbers above {above}"),
             (true, None) => "a number or LOW:HIGH".into(),
         };

@@ -1,7 +1,7 @@
 //! Finding a family: in a folder of the user's, or among those that come with m4gn.
 
 use super::family::{FILE, Family};
-use m4gn_base::{Error, Result, plugin};
+use m4gn_base::{Error, Result, listed, plugin};
 use std::path::{Path, PathBuf};
 
 impl Family {
@@ -17,13 +17,12 @@ impl Family {
         if let Some(folder) = folders.iter().map(|f| f.join(name)).find(|f| f.join(FILE).is_file()) {
             return Family::load(&folder);
         }
-        let tried: Vec<_> = folders.iter().map(|p| p.display().to_string()).collect();
         Err(Error::Input(format!(
             "'{}' is no family of cases: expected {}, or a folder with a file {FILE} (looked in {}; set M4GN_HOME to the \
              checkout if this program was moved)",
             name.display(),
-            names(&folders).join(", "),
-            tried.join(", ")
+            listed(names(&folders)),
+            listed(folders.iter().map(|p| p.display()))
         )))
     }
 }

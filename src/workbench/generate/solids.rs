@@ -7,7 +7,7 @@ use super::case::whole;
 use super::process::Surroundings;
 use super::queue::{Case, other_number};
 use m4gn_base::plugin::folder_variable;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, listed};
 use m4gn_data::{Split, Trajectory};
 use std::path::{Path, PathBuf};
 
@@ -186,11 +186,10 @@ pub fn find_python() -> Result<String> {
         .collect();
     let found = places.iter().find(|p| p.is_file()).and_then(|p| p.to_str());
     found.map(str::to_string).ok_or_else(|| {
-        let tried: Vec<_> = places.iter().map(|p| p.display().to_string()).collect();
         Error::Input(format!(
             "the Python environment with FElupe is not there (looked for {}): 'setup/solids.sh' makes it, once, with \
              a network",
-            tried.join(", ")
+            listed(places.iter().map(|p| p.display()))
         ))
     })
 }

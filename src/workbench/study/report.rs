@@ -2,7 +2,7 @@
 
 use super::{Cell, Data, Failure, Plan};
 use crate::signal::median;
-use m4gn_base::{Result, files};
+use m4gn_base::{Result, files, listed};
 use m4gn_report::{Table, number};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -29,9 +29,8 @@ impl Cell {
         let mut text = format!("{steps} updates in {} s", number(seconds, 3));
         for (test, count, figures) in &self.tests {
             let of = |(key, name)| Some(format!("{name} {}", number(figures["model"][key].as_f64()?, 3)));
-            let all: Vec<String> = HORIZONS.into_iter().filter_map(of).collect();
             let more = count.map_or(String::new(), |n| format!(" with {n} segments"));
-            text += &format!("; {test}{more}: {}", all.join(", "));
+            text += &format!("; {test}{more}: {}", listed(HORIZONS.into_iter().filter_map(of)));
         }
         text
     }
@@ -272,8 +271,7 @@ fn section(
         let whose = if variants { "other network" } else { "network of another kind" };
         note += &format!(" {what} of {of} is {percent} % {way} that of the best {whose}, {other}");
         if seeds.len() < plan.seeds.len() {
-            let seeds: Vec<String> = seeds.iter().map(u64::to_string).collect();
-            note += &format!(", over the seeds that both have: {}", seeds.join(", "));
+            note += &format!(", over the seeds that both have: {}", listed(seeds));
         }
         note += ".";
     }

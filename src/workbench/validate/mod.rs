@@ -28,7 +28,7 @@ pub use series::write as write_series;
 pub use shape::Shape;
 pub use summary::{Row, Summary, headline, json, summaries};
 
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, listed};
 use m4gn_data::{Split, Trajectory, list};
 use m4gn_domain::Kind;
 use m4gn_model::{FieldSpec, Model, ModelSpec};
@@ -143,12 +143,8 @@ pub fn fits(model: &ModelSpec, trajectory: &Trajectory) -> Result<Pace> {
     m4gn_domain::fits(trajectory.mesh(), model)?;
     for spec in &model.fields {
         let Ok(found) = trajectory.field(&spec.name) else {
-            let names: Vec<&str> = trajectory.fields().iter().map(|f| f.name.as_str()).collect();
-            return misfit(format!(
-                "the model needs field {}, the data hold {}",
-                spec.name,
-                names.join(", ")
-            ));
+            let names = listed(trajectory.fields().iter().map(|f| &f.name));
+            return misfit(format!("the model needs field {}, the data hold {names}", spec.name));
         };
         if (found.vector, found.dimensions) != (spec.vector, spec.dimensions) {
             return misfit(format!(

@@ -1,6 +1,7 @@
 //! Figures of trajectories, together and one by one: tables for people, and the figures file.
 
 use super::{Case, FieldErrors, Pace, Prediction};
+use m4gn_base::listed;
 use m4gn_base::settings::object;
 use m4gn_data::Split;
 use m4gn_domain::body::quality::Quality;
@@ -182,9 +183,8 @@ impl Summary {
     /// Times, the largest value, and the gap of the data, in a sentence or two.
     pub fn line(&self) -> String {
         let times = self.rows.iter().filter_map(|r| Some((r.name, r.step_ms()?)));
-        let times: Vec<String> =
-            times.map(|(name, ms)| format!("{} ms a step ({name})", number(ms, 3))).collect();
-        let mut text = format!("{} trajectories, {}", self.count, times.join(", "));
+        let times = listed(times.map(|(name, ms)| format!("{} ms a step ({name})", number(ms, 3))));
+        let mut text = format!("{} trajectories, {times}", self.count);
         if let (Some(ms), Some(ratio)) = (self.solver_ms, self.ratio()) {
             text += &format!(
                 "; the data's solver took {} ms for as much, {} times as long",
