@@ -1,7 +1,7 @@
 //! `m4gn averages`: the mean, the fluctuations and the frequency of a column, each with its uncertainty.
 
 use m4gn_averages::{Estimate, Goal, Tolerance, estimate, table};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -40,12 +40,9 @@ pub struct Args {
 /// # Errors
 /// When the table cannot be read, has no such column or too few rows, or an option is out of its range.
 pub fn run(args: Args) -> Result<()> {
-    if !(args.confidence > 0.0 && args.confidence < 1.0) {
-        return Err(Error::Input(format!(
-            "--confidence {}: expected a number between 0 and 1, without them",
-            args.confidence
-        )));
-    }
+    refuse(!(args.confidence > 0.0 && args.confidence < 1.0), Error::Input, || {
+        format!("--confidence {}: expected a number between 0 and 1, without them", args.confidence)
+    })?;
     for (option, value) in [("--tolerance", args.tolerance), ("--relative", args.relative)] {
         if let Some(v) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
             return Err(Error::Input(format!("{option} {v}: expected a positive number")));

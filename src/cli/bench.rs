@@ -1,7 +1,7 @@
 //! `m4gn bench`: what a step of a network costs on this machine.
 
 use crate::output::filled;
-use m4gn_base::{Error, Result, settings};
+use m4gn_base::{Error, Result, refuse, settings};
 use m4gn_data::Trajectory;
 use m4gn_engine::torch::TorchTrial;
 use m4gn_engine::{EngineOptions, Forward, Isa, Phase, Precision};
@@ -100,9 +100,7 @@ pub fn run(args: Args) -> Result<()> {
     if !(1..=MAX_THREADS).contains(&args.threads) {
         return Err(Error::Input(format!("--threads {}: expected 1 to {MAX_THREADS}", args.threads)));
     }
-    if args.steps == Some(0) {
-        return Err(Error::Input("--steps 0: expected a positive number".into()));
-    }
+    refuse(args.steps == Some(0), Error::Input, || "--steps 0: expected a positive number")?;
     let options = EngineOptions {
         n_threads: args.threads,
         precision: settings::read("precision", &args.precision.as_str().into())?,

@@ -1,7 +1,7 @@
 //! `m4gn calibrate`: how the errors of a model's rollouts grow, measured on recorded trajectories.
 
 use crate::validate::{Progress, SPLITS};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_model::{Calibration, Model, Resolution};
 use m4gn_step::SessionOptions;
 use m4gn_workbench::calibrate::{self, Rollout};
@@ -58,9 +58,7 @@ pub struct Args {
 /// When the model does not fit the data, a file cannot be read or written, or there are too few rollouts.
 pub fn run(args: Args) -> Result<()> {
     for (option, value) in [("--strides", args.strides), ("--starts", args.starts)] {
-        if value == 0 {
-            return Err(Error::Input(format!("{option} 0: expected at least 1")));
-        }
+        refuse(value == 0, Error::Input, || format!("{option} 0: expected at least 1"))?;
     }
     let _claimed = crate::claim_outputs([&args.json, &args.out].map(|p| p.as_deref()), [Some(&*args.data)])?;
     let mut model = Model::read(&args.model)?;

@@ -2,7 +2,7 @@
 
 use super::generate::folder::SetArgs;
 use super::{claim_outputs, stop_flag, write_json};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_report::{number, percent};
 use m4gn_workbench::generate::family::Family;
 use m4gn_workbench::generate::openfoam::{environment, plain_path};
@@ -110,10 +110,7 @@ pub fn run(args: Args) -> Result<()> {
             d.failed.iter().map(move |(name, message)| format!("\n  {:04} {name}: {message}", d.index))
         })
         .collect();
-    match failed.is_empty() {
-        true => Ok(()),
-        false => Err(Error::Input(format!("{} runs failed:{}", failed.len(), failed.concat()))),
-    }
+    refuse(!failed.is_empty(), Error::Input, || format!("{} runs failed:{}", failed.len(), failed.concat()))
 }
 
 /// What came of a run, in a line: times and error of the whole run, the error over that of holding.

@@ -1,6 +1,6 @@
 //! `m4gn tutorial`: the cases of openfoam/tutorials, run where the user is.
 
-use m4gn_base::{Error, Result, plugin};
+use m4gn_base::{Error, Result, plugin, refuse};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::Command;
@@ -43,8 +43,5 @@ pub fn run(args: Args) -> Result<()> {
         .env("M4GN_RUN", &out)
         .status()
         .map_err(|e| Error::file(&script, format!("cannot be run: {e}")))?;
-    match status.success() {
-        true => Ok(()),
-        false => Err(Error::Input(format!("tutorial {}: {status}, as told above", args.name))),
-    }
+    refuse(!status.success(), Error::Input, || format!("tutorial {}: {status}, as told above", args.name))
 }

@@ -1,7 +1,7 @@
 //! `m4gn validate`: a model against recorded trajectories.
 
 use super::running::Running;
-use m4gn_base::{Error, Result, lock};
+use m4gn_base::{Error, Result, lock, refuse};
 use m4gn_data::Split;
 use m4gn_model::Model;
 use m4gn_report::number;
@@ -58,12 +58,9 @@ pub fn run(args: Args) -> Result<()> {
     let _claimed = crate::claim_outputs([args.json.as_deref()], [Some(&*args.model), Some(&*args.data)])?;
     let mut model = Model::read(&args.model)?;
     if let Some(count) = args.segments {
-        if !model.spec.architecture.needs().segments {
-            return Err(Error::Input(format!(
-                "--segments {count}: {} is a network without segments",
-                args.model.display()
-            )));
-        }
+        refuse(!model.spec.architecture.needs().segments, Error::Input, || {
+            format!("--segments {count}: {} is a network without segments", args.model.display())
+        })?;
         (model.spec.segments.count, model.spec.segments.size) = (count, None);
         model.spec.segments.check()?;
     }

@@ -9,7 +9,7 @@ pub use args::Args;
 use cut::{Cost, Cut};
 use input::Input;
 use input::Stored;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_mesh::Mesh;
 use m4gn_model::{Model, ModelSpec, SegmentEntries, SegmentSpec};
 use m4gn_parallel::Comm;
@@ -23,12 +23,11 @@ use m4gn_structure::{Record, obstacle_note};
 /// written then, unless it is the writing that fails.
 pub fn run(args: Args) -> Result<()> {
     let mut input = Input::open(&args.path)?;
-    if args.vtu.is_some() && matches!(input, Input::Case(_)) {
-        return Err(Error::Input(
-            "--vtu is for a trajectory: a case gets the fields m4gnSegment and m4gnMode1, ..., which ParaView reads; leave it out"
-                .into(),
-        ));
-    }
+    refuse(
+        args.vtu.is_some() && matches!(input, Input::Case(_)),
+        Error::Input,
+        || "--vtu is for a trajectory: a case gets the fields m4gnSegment and m4gnMode1, ..., which ParaView reads; leave it out",
+    )?;
     let model = match &args.model {
         Some(path) => Some(Model::read(path)?.spec),
         None => input.model()?,
@@ -96,19 +95,12 @@ fn fitted(mut spec: SegmentSpec, few_modes: bool, mesh: &Mesh) -> Result<Segment
     if few_modes {
         spec.modes = spec.modes.min(n.saturating_sub(1));
     }
-    if spec.modes >= n {
-        return Err(Error::Input(format!(
-            "{} modes of {n} cells: expected at most {} (--modes)",
-            spec.modes,
-            n.saturating_sub(1)
-        )));
-    }
-    if spec.count > n {
-        return Err(Error::Input(format!(
-            "{} segments for {n} cells: expected 1 to {n} (--segments)",
-            spec.count
-        )));
-    }
+    refuse(spec.modes >= n, Error::Input, || {
+        format!("{} modes of {n} cells: expected at most {} (--modes)", spec.modes, n.saturating_sub(1))
+    })?;
+    refuse(spec.count > n, Error::Input, || {
+        format!("{} segments for {n} cells: expected 1 to {n} (--segments)", spec.count)
+    })?;
     Ok(spec)
 }
 

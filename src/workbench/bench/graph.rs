@@ -1,6 +1,6 @@
 //! Graphs to measure on.
 
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_mesh::{Mesh, NodeType, block};
 use m4gn_model::ModelSpec;
 use m4gn_parallel::{Comm, Halo};
@@ -99,9 +99,7 @@ fn consecutive_segments(spec: &ModelSpec, n: usize) -> Result<Option<Segmentatio
         return Ok(None);
     }
     let k = spec.segments.count;
-    if k > n {
-        return Err(Error::Input(format!("{k} segments for {n} nodes: expected at most {n}")));
-    }
+    refuse(k > n, Error::Input, || format!("{k} segments for {n} nodes: expected at most {n}"))?;
     let member = (0..n).map(|i| (i * k / n) as i32).collect();
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
     let mut random = |n: usize| (0..n).map(|_| rng.random_range(-1.0f32..1.0)).collect();

@@ -1,7 +1,7 @@
 //! A step of training to measure: a batch of one graph with random fields, forward, backward and update.
 
 use super::{Shape, hexahedra, o_mesh_structure};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_domain::Components;
 use m4gn_domain::cells::Cells;
 use m4gn_engine::Precision;
@@ -62,12 +62,9 @@ impl Trial {
     /// # Errors
     /// [`Error::Input`] for sizes out of range; what makes graph and network.
     pub fn prepare(&self) -> Result<Prepared> {
-        if !(1..=4096).contains(&self.batch) || !(1..=64).contains(&self.unroll) {
-            return Err(Error::Input(format!(
-                "--batch {}, --unroll {}: expected 1 to 4096 and 1 to 64",
-                self.batch, self.unroll
-            )));
-        }
+        refuse(!(1..=4096).contains(&self.batch) || !(1..=64).contains(&self.unroll), Error::Input, || {
+            format!("--batch {}, --unroll {}: expected 1 to 4096 and 1 to 64", self.batch, self.unroll)
+        })?;
         let comm = Comm::serial();
         let spec = Shape {
             dim: if self.hex { 3 } else { 2 },

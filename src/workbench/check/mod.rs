@@ -13,7 +13,7 @@ use crate::generate::openfoam::{absolute, environment, plain_path, scratch, surr
 use crate::generate::parameter::Settings;
 use crate::generate::process::{Surroundings, excerpt};
 use crate::user_case::{Copy, log};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_parallel::Comm;
 use m4gn_report::number;
 use m4gn_train::{Request, delta, train_native};
@@ -284,9 +284,7 @@ fn random(copy: &Copy, config: &Path, report: &Report, room: &Path, tools: &Surr
     let fields = model.get("fields").and_then(toml::Value::as_array).ok_or_else(wrong)?;
     let names: Vec<String> =
         fields.iter().filter_map(|f| Some(f.get("name")?.as_str()?.to_string())).collect();
-    if report.delta_t <= 0.0 {
-        return Err(Error::Input("the solver came to no step (see dmd)".into()));
-    }
+    refuse(report.delta_t <= 0.0, Error::Input, || "the solver came to no step (see dmd)")?;
     let stride = STEPS as f64 * report.delta_t;
     model.insert("stride".into(), stride.into());
     if let Some(training) = table.get_mut("training").and_then(toml::Value::as_table_mut) {

@@ -7,7 +7,7 @@ use super::parameter::Value;
 use super::process::Surroundings;
 use super::queue::{Case, other_number};
 use m4gn_base::digest::Digest;
-use m4gn_base::{Error, Result, files, listed};
+use m4gn_base::{Error, Result, files, listed, refuse};
 use m4gn_data::{Split, Trajectory};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -128,14 +128,13 @@ impl Family {
     /// # Errors
     /// [`Error::Input`] that names both.
     pub fn check_outside(&self, folder: &Path) -> Result<()> {
-        match lies_in(folder, &self.folder) {
-            false => Ok(()),
-            true => Err(Error::Input(format!(
+        refuse(lies_in(folder, &self.folder), Error::Input, || {
+            format!(
                 "{} lies inside of the family's folder {}, all files of which are copied into each case: choose another folder",
                 folder.display(),
                 self.folder.display()
-            ))),
-        }
+            )
+        })
     }
 
     /// Runs the commands that make the mesh and the first fields of this case.

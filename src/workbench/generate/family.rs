@@ -8,7 +8,7 @@ use super::command::Command;
 use super::expression::{self, Variables};
 use super::parameter::{self, Parameter, Setting, Settings, Value, check_decimals, is_word, rounded, shown};
 use super::requirement::Requirement;
-use m4gn_base::{Error, Result, files, listed};
+use m4gn_base::{Error, Result, files, listed, refuse};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -387,14 +387,13 @@ impl Hybrid {
             && self.end.is_finite()
             && self.interval.is_finite();
         let positive = self.interval > 0.0 && self.solver_time > 0.0 && self.surrogate_steps > 0;
-        match ordered && positive {
-            true => Ok(()),
-            false => Err(Error::Input(format!(
+        refuse(!(ordered && positive), Error::Input, || {
+            format!(
                 "hybrid runs: start_up {} s, solver_time {} s, end {} s, interval {} s, surrogate_steps {}: expected all \
                  above 0, and start_up + solver_time before the end",
                 self.start_up, self.solver_time, self.end, self.interval, self.surrogate_steps
-            ))),
-        }
+            )
+        })
     }
 }
 

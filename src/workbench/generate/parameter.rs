@@ -1,6 +1,6 @@
 //! Parameters of a family: what each is, what the user sets it to, and how it is drawn.
 
-use m4gn_base::{Error, Result, listed};
+use m4gn_base::{Error, Result, listed, refuse};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -140,10 +140,9 @@ pub(super) fn rounded(value: f64, decimals: i32) -> f64 {
 /// # Errors
 /// [`Error::Input`] where not.
 pub(super) fn check_decimals(decimals: i32) -> Result<()> {
-    match (-15..=15).contains(&decimals) {
-        true => Ok(()),
-        false => Err(Error::Input(format!("decimals = {decimals}: expected -15 to 15"))),
-    }
+    refuse(!(-15..=15).contains(&decimals), Error::Input, || {
+        format!("decimals = {decimals}: expected -15 to 15")
+    })
 }
 
 impl Parameter {
@@ -188,13 +187,9 @@ impl Parameter {
                 choices.is_empty() && between
             }
         };
-        match good {
-            true => Ok(()),
-            false => Err(Error::Input(format!(
-                "parameter '{}' is set to {setting}: expected {expected}",
-                self.name
-            ))),
-        }
+        refuse(!good, Error::Input, || {
+            format!("parameter '{}' is set to {setting}: expected {expected}", self.name)
+        })
     }
 
     fn allows(&self, value: f64) -> bool {

@@ -1,7 +1,7 @@
 //! Many cases at once: what is there is kept, what fails is reported and skipped.
 
 use super::process::Surroundings;
-use m4gn_base::{Error, Result, lock};
+use m4gn_base::{Error, Result, lock, refuse};
 use m4gn_data::Split;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -107,13 +107,9 @@ impl<C: Case> Queue<C> {
         self.run_missing(&missing, &mut report);
         // Goes only when it is empty: failed and kept cases stay.
         let _ = std::fs::remove_dir(cases);
-        if self.tools.stopped() {
-            return Err(Error::Interrupted(format!(
-                "stopped by the user; the same command goes on with {}",
-                self.folder.display()
-            )));
-        }
-        Ok(())
+        refuse(self.tools.stopped(), Error::Interrupted, || {
+            format!("stopped by the user; the same command goes on with {}", self.folder.display())
+        })
     }
 
     fn run_missing(&self, missing: &[&C], report: &mut impl FnMut(&C, &Outcome<C::Figures>)) {

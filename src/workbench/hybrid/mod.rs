@@ -24,7 +24,7 @@ use crate::generate::parameter::Settings;
 use crate::generate::process::Surroundings;
 use crate::generate::queue;
 use m4gn_base::digest::Digest;
-use m4gn_base::{Error, Result, lock, plugin};
+use m4gn_base::{Error, Result, lock, plugin, refuse};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -144,12 +144,9 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
     queue::in_parallel((plan.jobs, draws.len()), &plan.tools, run, |_, result| {
         results.push(result);
     });
-    if plan.tools.stopped() {
-        return Err(Error::Interrupted(format!(
-            "stopped by the user; the same command goes on with {}",
-            plan.folder.display()
-        )));
-    }
+    refuse(plan.tools.stopped(), Error::Interrupted, || {
+        format!("stopped by the user; the same command goes on with {}", plan.folder.display())
+    })?;
     results.sort_by_key(|r| r.index);
     Ok(results)
 }

@@ -4,7 +4,7 @@ use super::{Data, Network, Plan, Test};
 use crate::generate::process::Surroundings;
 use crate::validate::trajectories;
 use m4gn_base::digest::Digest;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_train::config::Config;
 use std::collections::BTreeMap;
@@ -97,9 +97,7 @@ fn backend(plan: &Plan) -> Result<()> {
 fn content(data: &Path, tools: &Surroundings) -> Result<String> {
     let mut digest = Digest::default();
     for file in m4gn_data::list(data)? {
-        if tools.stopped() {
-            return Err(Error::Interrupted("stopped by the user; nothing was trained".into()));
-        }
+        refuse(tools.stopped(), Error::Interrupted, || "stopped by the user; nothing was trained")?;
         digest.add_file(&file.file_name().unwrap_or_default().to_string_lossy(), &file)?;
     }
     Ok(digest.text())

@@ -14,7 +14,7 @@ use crate::generate::openfoam::{lies_in, plain_path, scratch, surroundings};
 use crate::generate::queue::in_parallel;
 use crate::user_case::{Copy, LEFT_OUT, copy_all, is_collated, names};
 use jumps::Stretch;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use solver::Run;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -96,9 +96,7 @@ pub fn run(plan: &Plan, mut progress: impl FnMut(usize, usize)) -> Result<Report
         done += 1;
         progress(done, stretches.len());
     });
-    if tools.stopped() {
-        return Err(Error::Interrupted("stopped by the user".into()));
-    }
+    refuse(tools.stopped(), Error::Interrupted, || "stopped by the user")?;
     judge(&mut all, &figures, plan.tolerance);
     if let Some(kept) = kept {
         kept.put()?;
@@ -140,13 +138,9 @@ fn compare(
     for name in &jump.fields {
         let (truth, scalar) = field(&mut own, name, end)?;
         let (has, start) = (field(run, name, to)?.0, field(run, name, from)?.0);
-        if truth.len() != has.len() {
-            return Err(Error::Input(format!(
-                "{name}: the solver's field has {} values, the run's {}",
-                truth.len(),
-                has.len()
-            )));
-        }
+        refuse(truth.len() != has.len(), Error::Input, || {
+            format!("{name}: the solver's field has {} values, the run's {}", truth.len(), has.len())
+        })?;
         let level = if scalar { truth.iter().sum::<f64>() / truth.len().max(1) as f64 } else { 0.0 };
         let rms = |other: &dyn Fn(usize) -> f64| {
             let sum: f64 = truth.iter().enumerate().map(|(i, v)| (v - other(i)).powi(2)).sum();
