@@ -1,8 +1,8 @@
 //! `m4gn predict`: a model's rollouts as trajectories.
 
 use super::running::Running;
-use super::validate::Progress;
-use m4gn_base::{Error, Result, lock};
+use super::validate::{Progress, check_finite};
+use m4gn_base::{Result, lock};
 use m4gn_model::Model;
 use m4gn_workbench::predict;
 use m4gn_workbench::validate::{name_file, trajectories};
@@ -78,12 +78,5 @@ pub fn run(args: Args) -> Result<()> {
         figures.push(json);
     }
     super::write_json(args.json.as_deref(), &json!({ "predictions": figures }))?;
-    match diverged.first() {
-        None => Ok(()),
-        Some(first) => Err(Error::Numerical(format!(
-            "{} of {} rollouts became non-finite; the first: {first}",
-            diverged.len(),
-            found.len()
-        ))),
-    }
+    check_finite(&diverged, found.len())
 }

@@ -1,7 +1,7 @@
 //! `m4gn validate`: a model against recorded trajectories.
 
 use super::running::Running;
-use m4gn_base::{Error, Result, lock, refuse};
+use m4gn_base::{Error, Result, lock, refuse, refuse_any};
 use m4gn_data::Split;
 use m4gn_model::Model;
 use m4gn_report::number;
@@ -97,16 +97,18 @@ pub fn run(args: Args) -> Result<()> {
     if let Some(folder) = &args.vtu {
         validate::write_series(folder, &cases[shown])?;
     }
-    let diverged = cases.iter();
-    let diverged: Vec<_> = diverged.filter_map(|c| Some((c.path.as_path(), c.diverged()?))).collect();
-    match diverged.first() {
-        None => Ok(()),
-        Some((path, why)) => Err(Error::Numerical(format!(
-            "{} of {total} rollouts became non-finite; the first: {}, {why}",
-            diverged.len(),
-            path.display(),
-        ))),
-    }
+    let diverged = cases.iter().filter_map(|c| Some(format!("{}, {}", c.path.display(), c.diverged()?)));
+    check_finite(&diverged.collect::<Vec<_>>(), total)
+}
+
+/// Fails where rollouts, of so many, became non-finite: each a file and why.
+///
+/// # Errors
+/// [`Error::Numerical`] naming the first.
+pub fn check_finite(diverged: &[String], of: usize) -> Result<()> {
+    refuse_any(diverged.first(), Error::Numerical, |first| {
+        format!("{} of {of} rollouts became non-finite; the first: {first}", diverged.len())
+    })
 }
 
 /// The headline figures of the model on a trajectory, in a line.

@@ -8,14 +8,13 @@ use super::start::{self, Start};
 use super::{Campaign, Unit};
 use crate::compare::surrogate;
 use crate::generate::case::program;
-use crate::generate::process::{Surroundings, ends, full};
+use crate::generate::process::{Surroundings, clear, ends, full};
 use crate::user_case::{averages, names, times};
 use m4gn_base::{Error, Result, files};
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::ErrorKind;
-use std::path::Path;
-use std::time::{Duration, Instant};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// A run that is there.
 #[derive(Clone, Debug)]
@@ -162,8 +161,8 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
     if settings.ranks > 1 {
         let last: &[&str] = if stored.or(behind).is_some() { &[] } else { &["-latestTime"] };
         limit(tools.run(case, &[&["reconstructPar"], last].concat()))?;
-        for name in names(case)?.iter().filter(|n| n.starts_with("processor")) {
-            let _ = fs::remove_dir_all(case.join(name));
+        for folder in of_ranks(case)? {
+            let _ = fs::remove_dir_all(folder);
         }
     }
     cost.states = clock.lap()?;
@@ -190,21 +189,22 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
     })
 }
 
+/// Folders of the ranks of a run: each of one rank, or one of all (collated).
+fn of_ranks(case: &Path) -> Result<Vec<PathBuf>> {
+    let ranks = names(case)?.into_iter().filter(|name| name.starts_with("processor"));
+    Ok(ranks.map(|name| case.join(name)).filter(|path| path.is_dir()).collect())
+}
+
 /// Name and value of the last time of a run, which is in the folders of its ranks until it is reconstructed.
 fn ended(case: &Path, start: f64, log: &Path) -> Result<(String, f64)> {
-    // Of one rank, or of all in one folder (collated)
-    let of_ranks = |name: &String| name.starts_with("processor") && case.join(name).is_dir();
-    let ranks = names(case)?.into_iter().find(of_ranks).map(|name| case.join(name));
-    last_time(ranks.as_deref().unwrap_or(case), start)?.ok_or_else(|| {
+    last_time(of_ranks(case)?.first().map_or(case, PathBuf::as_path), start)?.ok_or_else(|| {
         Error::file(log, format!("expected fields behind time {start} from the run, found none"))
     })
 }
 
 /// Removes what a run has written behind this time, s.
 fn forget_behind(case: &Path, end: f64) -> Result<()> {
-    let ranks = names(case)?.into_iter().filter(|name| name.starts_with("processor"));
-    let folders = ranks.map(|name| case.join(name)).filter(|path| path.is_dir()).chain([case.to_path_buf()]);
-    for folder in folders {
+    for folder in of_ranks(case)?.into_iter().chain([case.to_path_buf()]) {
         for (name, _) in times(&folder)?.into_iter().filter(|(_, time)| *time > end) {
             let path = folder.join(name);
             fs::remove_dir_all(&path).map_err(|e| Error::file(&path, format!("cannot be removed: {e}")))?;
@@ -224,20 +224,6 @@ fn whole(state: &Path) -> Result<()> {
                 &path,
                 format!("is cut off: expected the line that ends a file of OpenFOAM{hint}"),
             ));
-        }
-    }
-    Ok(())
-}
-
-/// Removes what an earlier run has left. Programs of one that was killed may need a moment to be gone.
-fn clear(case: &Path) -> Result<()> {
-    for last in [false, false, false, false, true] {
-        match fs::remove_dir_all(case) {
-            Err(e) if e.kind() == ErrorKind::NotFound => return Ok(()),
-            Err(e) if last => return Err(Error::file(case, format!("cannot be replaced: {e}"))),
-            Err(_) => std::thread::sleep(Duration::from_millis(200)),
-            Ok(()) if case.exists() => {}
-            Ok(()) => return Ok(()),
         }
     }
     Ok(())

@@ -3,6 +3,7 @@
 use super::report::Row;
 use super::series::{Series, Statistics, relative};
 use crate::foam_case::{Description, FunctionObject};
+use crate::user_case;
 use m4gn_averages::table::{names, parts, starts};
 use m4gn_base::files;
 use m4gn_report::percent;
@@ -115,8 +116,7 @@ pub(super) fn probes(cases: [&Description; 2], [from, to]: [f64; 2]) -> Vec<Prob
         let folder = paths[0].join(TABLES).join(&object.name);
         let mut fields: Vec<String> = starts(&folder)
             .iter()
-            .flat_map(|start| std::fs::read_dir(folder.join(start)).into_iter().flatten().flatten())
-            .filter_map(|entry| entry.file_name().into_string().ok())
+            .flat_map(|start| user_case::names(&folder.join(start)).unwrap_or_default())
             .collect();
         fields.sort();
         fields.dedup();

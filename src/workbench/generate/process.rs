@@ -3,7 +3,7 @@
 use super::guard::Guard;
 use m4gn_base::ffi::ask_to_end;
 use m4gn_base::{Error, Result, lock};
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -118,6 +118,20 @@ impl Surroundings {
         }
         Err(Error::file(&log, format!("{name} failed ({status}){}{}", reason(&log), full(folder))))
     }
+}
+
+/// Removes a folder that an earlier run has left. Programs of one that was killed may need a moment to be gone.
+pub(crate) fn clear(folder: &Path) -> Result<()> {
+    for last in [false, false, false, false, true] {
+        match std::fs::remove_dir_all(folder) {
+            Err(e) if e.kind() == ErrorKind::NotFound => return Ok(()),
+            Err(e) if last => return Err(Error::file(folder, format!("cannot be replaced: {e}"))),
+            Err(_) => std::thread::sleep(Duration::from_millis(200)),
+            Ok(()) if folder.exists() => {}
+            Ok(()) => return Ok(()),
+        }
+    }
+    Ok(())
 }
 
 /// Least space, kB, with which nothing is said of it.

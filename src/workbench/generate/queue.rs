@@ -1,6 +1,6 @@
 //! Many cases at once: what is there is kept, what fails is reported and skipped.
 
-use super::process::Surroundings;
+use super::process::{Surroundings, clear};
 use m4gn_base::{Error, Result, lock, refuse};
 use m4gn_data::Split;
 use std::path::{Path, PathBuf};
@@ -126,10 +126,7 @@ impl<C: Case> Queue<C> {
     /// Makes one trajectory. The case's folder is removed afterwards unless it is to be kept or the case failed.
     fn make(&self, case: &C) -> Result<Made<C::Figures>> {
         let (start, folder) = (Instant::now(), self.case_folder(case));
-        if folder.exists() {
-            std::fs::remove_dir_all(&folder)
-                .map_err(|e| Error::file(&folder, format!("cannot be replaced: {e}")))?;
-        }
+        clear(&folder)?;
         let result = case.run(&folder, &self.tools).and_then(|(recorded, figures)| {
             let target = self.target(case);
             let bytes = recorded.metadata().map_or(0, |m| m.len());

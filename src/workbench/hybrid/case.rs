@@ -11,6 +11,7 @@ use crate::foam_case::FoamCase;
 use crate::generate::case::{Files, Times, program};
 use crate::generate::family::Draw;
 use crate::generate::parameter::Settings;
+use crate::generate::process::clear;
 use m4gn_base::digest::Digest;
 use m4gn_base::files::write_whole;
 use m4gn_base::{Error, Result};
@@ -190,10 +191,7 @@ impl Job<'_> {
     fn try_make(&self, folder: &Path, run: &Prepared) -> Result<RunRecord> {
         let (plan, schedule) = (self.plan, &self.plan.schedule);
         let case = &folder.join(run.name);
-        if case.exists() {
-            std::fs::remove_dir_all(case)
-                .map_err(|e| Error::file(case, format!("cannot be replaced: {e}")))?;
-        }
+        clear(case)?;
         plan.family.write(&run.files, &run.functions, case)?;
         plan.family.prepare(&run.draw, case, &plan.tools)?;
         let check_patch = |time| {

@@ -1,10 +1,10 @@
 //! The jumps of a run, as it has told them, and what of each can be recomputed.
 
 use crate::decisions::{self, Decision};
+use crate::user_case::names;
 use m4gn_base::{Error, Result};
 use serde::Serialize;
 use serde_json::Value;
-use std::fs;
 use std::path::Path;
 
 /// Names of times have so many digits that they tell them apart: times that differ by less, over their size, are the same.
@@ -45,8 +45,7 @@ pub struct Stretch {
 pub fn decisions(case: &Path) -> Result<(String, Vec<Decision>)> {
     let root = case.join("postProcessing");
     let mut found = Vec::new();
-    for name in fs::read_dir(&root).into_iter().flatten().flatten() {
-        let Ok(name) = name.file_name().into_string() else { continue };
+    for name in names(&root).unwrap_or_default() {
         let decisions = decisions::read(case, &name)?;
         if decisions::last(&decisions, "handed_back").is_some() {
             found.push((name, decisions));
