@@ -13,7 +13,7 @@ use m4gn_step::Backend;
 use m4gn_structure::Structure;
 use m4gn_workbench::bench;
 use m4gn_workbench::bench::memory::Memory;
-use m4gn_workbench::bench::{Runs, Shape, Source, Trial, Workload, machine, memory};
+use m4gn_workbench::bench::{Runs, Source, Trial, Workload, machine, memory};
 use serde_json::{Value, json};
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
@@ -111,7 +111,7 @@ pub fn run(args: Args) -> Result<()> {
     if args.train {
         return serve_training(&args.trial(&options), &backend);
     }
-    let workload = workload(&args)?;
+    let workload = workload(&args, &options)?;
     if let Some(folder) = &args.export {
         println!("{}", bench::export(&workload, folder)?);
         return Ok(());
@@ -142,7 +142,7 @@ impl Args {
     }
 }
 
-fn workload(args: &Args) -> Result<Workload> {
+fn workload(args: &Args, options: &EngineOptions) -> Result<Workload> {
     let source = match (&args.data, args.hex) {
         (Some(path), _) => Source::Mesh(Box::new(Trajectory::open(path)?.cells()?.clone())),
         (None, true) => Source::Mesh(Box::new(bench::hexahedra(args.nodes)?)),
@@ -150,16 +150,7 @@ fn workload(args: &Args) -> Result<Workload> {
     };
     let model = match &args.model {
         Some(path) => Model::read(path)?,
-        None => {
-            let shape = Shape {
-                dim: source.dim(),
-                layers: args.layers,
-                width: args.width,
-                hidden_layers: args.hidden,
-                segments: args.segments,
-            };
-            Model::random(shape.spec(), 1)?
-        }
+        None => Model::random(args.trial(options).shape(source.dim()).spec(), 1)?,
     };
     Ok(Workload { model, source, comm: Comm::serial() })
 }

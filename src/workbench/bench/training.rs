@@ -66,14 +66,7 @@ impl Trial {
             format!("--batch {}, --unroll {}: expected 1 to 4096 and 1 to 64", self.batch, self.unroll)
         })?;
         let comm = Comm::serial();
-        let spec = Shape {
-            dim: if self.hex { 3 } else { 2 },
-            layers: self.layers,
-            width: self.width,
-            hidden_layers: self.hidden,
-            segments: self.segments,
-        }
-        .spec();
+        let spec = self.shape(if self.hex { 3 } else { 2 }).spec();
         spec.check()?;
         let structure = match self.hex {
             true => {
@@ -121,6 +114,12 @@ impl Trial {
             examples: (0..self.batch).map(example).collect(),
             unroll: self.unroll,
         })
+    }
+
+    /// The network, in so many solved directions.
+    pub fn shape(&self, dim: usize) -> Shape {
+        let Trial { layers, width, hidden: hidden_layers, segments, .. } = *self;
+        Shape { dim, layers, width, hidden_layers, segments }
     }
 
     /// Precision of the products.
