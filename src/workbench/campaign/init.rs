@@ -107,7 +107,7 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
             settings::FILE
         ));
     }
-    let mut text = text(&source, &commands.prepare, ranks, &request.parameters, &quantities)?;
+    let mut text = text(&source, &commands.prepare, ranks, &request.parameters, &quantities);
     let (found, suggested) = checked(&source, &text, &parameters(&table, &table.rows[0]), tools)?;
     notes.push(found);
     if let Some(entries) = suggested {
@@ -225,14 +225,12 @@ fn text(
     ranks: usize,
     parameters: &[Parameter],
     quantities: &str,
-) -> Result<String> {
-    let toml = |value: &dyn Fn() -> toml::Value| value().to_string();
-    let list = |words: &[String]| toml::Value::from(words.to_vec());
-    let prepare = toml(&|| toml::Value::Array(prepare.iter().map(|c| list(c)).collect()));
-    let solver = toml(&|| list(std::slice::from_ref(&source.application)));
-    let case = toml(&|| toml::Value::from(source.folder.display().to_string()));
+) -> String {
+    let prepare = toml::Value::from(prepare.to_vec());
+    let solver = toml::Value::from(vec![source.application.clone()]);
+    let case = toml::Value::from(source.folder.display().to_string());
     let first = &parameters[0].name;
-    Ok(format!(
+    format!(
         "# A campaign of m4gn: docs/how-to/run-a-campaign.md. Runs and their parameters are the rows of parameters.csv, which may be edited.
 
 # Each run is a copy of this case with its own {PARAMETERS}
@@ -267,7 +265,7 @@ time_limit = 86400
 # What is to be known, of function objects of the case: `tolerance` is in the quantity's unit, `relative` over it (docs/how-to/know-when-a-mean-is-known.md)
 {quantities}",
         source.end
-    ))
+    )
 }
 
 #[cfg(test)]
@@ -280,7 +278,7 @@ mod tests {
             Source { folder: "/a/\"case\"".into(), application: "icoFoam".into(), ..Source::default() };
         let prepare = [vec!["blockMesh".to_string(), "-dict".to_string()]];
         let quantities = "[[quantity]]\nname = \"Cd\"\nfunction_object = \"forces\"\nresult = \"Cd\"\n";
-        let text = text(&source, &prepare, 2, &["Uin=1:2".parse().unwrap()], quantities).unwrap();
+        let text = text(&source, &prepare, 2, &["Uin=1:2".parse().unwrap()], quantities);
         let read: settings::Settings = toml::from_str(&text).unwrap();
         assert_eq!((&read.case, &read.prepare[..], read.ranks), (&source.folder, &prepare[..], 2));
         assert_eq!(read.quantity.len(), 1);

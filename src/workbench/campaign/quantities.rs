@@ -25,7 +25,7 @@ pub fn quantities(functions: &[(String, String)], entries: &Entries) -> Result<(
         .flatten()
         .collect();
     if !own.is_empty() {
-        return Ok((own.iter().map(|q| text(q, "")).collect(), true));
+        return Ok((own.iter().map(|q| text(q, "")).collect::<Result<_>>()?, true));
     }
     let mean = |name: &str, object: &str, result: &str| Quantity {
         name: name.into(),
@@ -43,19 +43,19 @@ pub fn quantities(functions: &[(String, String)], entries: &Entries) -> Result<(
                     relative: Some(0.02),
                     ..mean("Cl_rms", object, "Cl")
                 };
-                all += &(text(&mean("Cd", object, "Cd"), "") + &text(&lift, ""));
+                all += &(text(&mean("Cd", object, "Cd"), "")? + &text(&lift, "")?);
                 known = true;
             }
-            "forceCoeffs" => all += &text(&mean(&format!("Cd_{object}"), object, "Cd"), "# "),
+            "forceCoeffs" => all += &text(&mean(&format!("Cd_{object}"), object, "Cd"), "# ")?,
             "surfaceFieldValue" | "volFieldValue" => {
                 let found = of_field_value(object, entries).unwrap_or("OPERATION(REGION,FIELD)".into());
-                all += &text(&mean(object, object, &found), "# ");
+                all += &text(&mean(object, object, &found), "# ")?;
             }
             _ => {}
         }
     }
     if all.is_empty() {
-        all = text(&mean("Cd", "forces", "Cd"), "# ");
+        all = text(&mean("Cd", "forces", "Cd"), "# ")?;
     }
     Ok((all, known))
 }
@@ -100,19 +100,10 @@ fn of_field_value(object: &str, entries: &Entries) -> Option<String> {
 }
 
 /// A quantity as a table of `campaign.toml`, each line behind `mark`.
-fn text(quantity: &Quantity, mark: &str) -> String {
-    let strings = [
-        ("name", Some(&quantity.name)),
-        ("function_object", Some(&quantity.function_object)),
-        ("result", Some(&quantity.result)),
-        ("component", quantity.component.as_ref()),
-    ];
-    let strings = strings.into_iter().filter_map(|(key, v)| Some((key, toml::Value::from(v?.as_str()))));
-    let rms = (quantity.statistic == Statistic::Rms).then(|| ("statistic", toml::Value::from("rms")));
-    let numbers = [("tolerance", quantity.tolerance), ("relative", quantity.relative)];
-    let numbers = numbers.into_iter().filter_map(|(key, v)| Some((key, toml::Value::from(v?))));
-    let lines = strings.chain(rms).chain(numbers).map(|(key, value)| format!("{mark}{key} = {value}\n"));
-    format!("{mark}[[quantity]]\n{}\n", lines.collect::<String>())
+fn text(quantity: &Quantity, mark: &str) -> Result<String> {
+    let entries = toml::to_string(quantity).map_err(|e| Error::Internal(e.to_string()))?;
+    let lines = ["[[quantity]]"].into_iter().chain(entries.lines());
+    Ok(lines.map(|line| format!("{mark}{line}\n")).collect::<String>() + "\n")
 }
 
 #[cfg(test)]

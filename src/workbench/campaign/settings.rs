@@ -2,6 +2,7 @@
 
 use super::start::Start;
 use crate::generate::parameter::is_word;
+use m4gn_base::settings::is_default;
 use m4gn_base::{Error, Result, files, refuse, refuse_any};
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
@@ -72,7 +73,7 @@ pub struct Quantity {
     /// `x`, `y` or `z` of a vector.
     pub component: Option<String>,
     /// Mean or rms of the fluctuations.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub statistic: Statistic,
     /// Largest half-width of the interval when the figure is known.
     pub tolerance: Option<f64>,
