@@ -71,16 +71,9 @@ pub fn run(args: Args) -> Result<()> {
         interpolate: args.interpolate,
         snapshots: if args.html.is_some() { PICTURES } else { 0 },
     };
-    let bar = super::progress_bar(0, "times");
-    let progress = |done: usize, of: usize| {
-        if let Some(bar) = &bar {
-            bar.set_length(of as u64);
-            bar.set_position(done as u64);
-        }
-    };
-    let result = compare::compare(&mut a, &mut b, &options, progress);
-    bar.iter().for_each(|b| b.finish_and_clear());
-    let (comparison, snapshots) = result?;
+    let compared =
+        |progress: &mut dyn FnMut(usize, usize)| compare::compare(&mut a, &mut b, &options, progress);
+    let (comparison, snapshots) = super::counted("times", compared)?;
     println!("full    {}", comparison.case_a);
     println!("hybrid  {}", comparison.case_b);
     println!(

@@ -25,7 +25,7 @@ pub mod tutorial;
 pub mod validate;
 pub mod verify;
 
-pub use output::{claim_outputs, progress_bar, write_json};
+pub use output::{claim_outputs, counted, progress_bar, write_json};
 pub use stop::stop_flag;
 
 use clap::{Parser, Subcommand};

@@ -131,6 +131,19 @@ pub fn progress_bar(length: u64, unit: &str) -> Option<ProgressBar> {
     Some(bar)
 }
 
+/// Work that says how many things are done, of how many: on a terminal in a progress bar, which ends with it.
+pub fn counted<T>(unit: &str, work: impl FnOnce(&mut dyn FnMut(usize, usize)) -> T) -> T {
+    let bar = progress_bar(0, unit);
+    let done = work(&mut |done, of| {
+        bar.iter().for_each(|bar| {
+            bar.set_length(of as u64);
+            bar.set_position(done as u64);
+        });
+    });
+    bar.iter().for_each(|b| b.finish_and_clear());
+    done
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,6 +1,6 @@
 //! `m4gn verify`: the jumps of a finished run against its solver.
 
-use super::{claim_outputs, progress_bar, stop_flag, write_json};
+use super::{claim_outputs, counted, stop_flag, write_json};
 use m4gn_base::{Error, Result};
 use m4gn_workbench::verify::{self, Plan};
 use std::path::PathBuf;
@@ -51,15 +51,7 @@ pub fn run(args: Args) -> Result<()> {
         timeout: Duration::from_secs(args.timeout),
         stop: stop_flag()?,
     };
-    let bar = progress_bar(0, "jumps");
-    let report = verify::run(&plan, |done, of| {
-        if let Some(bar) = &bar {
-            bar.set_length(of as u64);
-            bar.set_position(done as u64);
-        }
-    });
-    bar.iter().for_each(|b| b.finish_and_clear());
-    let report = report?;
+    let report = counted("jumps", |progress| verify::run(&plan, progress))?;
     println!("{}: {}, {} jumps\n", report.case, report.application, report.jumps.len());
     println!("{}", report.table());
     report.notes().iter().for_each(|line| println!("  {line}"));

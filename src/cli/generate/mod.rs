@@ -107,14 +107,6 @@ pub fn run(args: Args) -> Result<()> {
 }
 
 impl Common {
-    /// The split that was asked for; None: automatic.
-    fn asked_split(&self) -> Result<Option<Split>> {
-        match self.split.as_str() {
-            "auto" => Ok(None),
-            name => Ok(Some(name.parse()?)),
-        }
-    }
-
     /// Makes the cases `case(index, split)` in `folder`. `describe` gives the line that a made case prints and its
     /// entry among the figures.
     fn make<C: Case>(
@@ -124,7 +116,10 @@ impl Common {
         case: impl Fn(u64, Split) -> Result<C>,
         describe: impl Fn(&C, &Made<C::Figures>) -> (String, Value),
     ) -> Result<()> {
-        let split = self.asked_split()?;
+        let split: Option<Split> = match self.split.as_str() {
+            "auto" => None,
+            name => Some(name.parse()?),
+        };
         let _claimed = claim_outputs([self.json.as_deref()], [])?;
         let jobs = self
             .jobs
@@ -152,11 +147,12 @@ impl Common {
             let line = match outcome {
                 Outcome::Made(made) => {
                     let (line, entry) = describe(case, made);
-                    tally.made(made.bytes, entry);
+                    tally.bytes += made.bytes;
+                    tally.made.push(entry);
                     Some(line)
                 }
                 Outcome::There(_) => {
-                    tally.there();
+                    tally.there += 1;
                     None
                 }
                 Outcome::Failed(error) => Some(tally.failed(case.index(), error)),
@@ -172,9 +168,7 @@ impl Common {
                 (None, None) => {}
             }
         });
-        if let Some(bar) = bar {
-            bar.finish_and_clear();
-        }
+        bar.iter().for_each(|b| b.finish_and_clear());
         let seconds = start.elapsed().as_secs_f64();
         println!("{}", tally.summary(&queue.folder, seconds));
         write_json(self.json.as_deref(), &tally.figures(self.count, self.seed, seconds))?;

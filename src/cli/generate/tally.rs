@@ -1,6 +1,6 @@
 //! What became of the cases of a data set.
 
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -8,22 +8,13 @@ use std::path::Path;
 #[derive(Default)]
 pub(super) struct Tally {
     /// Figures of the cases that were made.
-    made: Vec<Value>,
-    there: u64,
+    pub(super) made: Vec<Value>,
+    pub(super) there: u64,
     failed: Vec<(u64, String)>,
-    bytes: u64,
+    pub(super) bytes: u64,
 }
 
 impl Tally {
-    pub(super) fn made(&mut self, bytes: u64, entry: Value) {
-        self.bytes += bytes;
-        self.made.push(entry);
-    }
-
-    pub(super) fn there(&mut self) {
-        self.there += 1;
-    }
-
     /// Counts a failed case; the line to print about it.
     pub(super) fn failed(&mut self, index: u64, error: &Error) -> String {
         self.failed.push((index, error.to_string()));
@@ -58,11 +49,10 @@ impl Tally {
     /// # Errors
     /// [`Error::Input`] with the list of the cases that failed.
     pub(super) fn fail_if_any(&self, count: u64) -> Result<()> {
-        if self.failed.is_empty() {
-            return Ok(());
-        }
         let cases: Vec<_> =
             self.failed.iter().map(|(index, message)| format!("\n  {index:04}: {message}")).collect();
-        Err(Error::Input(format!("{} of {count} cases failed:{}", cases.len(), cases.concat())))
+        refuse(!cases.is_empty(), Error::Input, || {
+            format!("{} of {count} cases failed:{}", cases.len(), cases.concat())
+        })
     }
 }
