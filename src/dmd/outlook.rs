@@ -129,7 +129,9 @@ impl OnlineDmd {
     pub fn modes(&self) -> Vec<Mode> {
         let outlook = self.outlook();
         let waves = outlook.as_ref().and_then(Outlook::waves);
-        waves.map_or(Vec::new(), |(dmd, amplitudes)| dmd.spectrum(amplitudes, self.settings.interval))
+        let (Some((dmd, amplitudes)), Some(fit)) = (waves, &self.state.fit) else { return Vec::new() };
+        let fields = fit.variation.iter().filter(|v| **v > 0.0).count();
+        dmd.spectrum(amplitudes, self.settings.interval, fields)
     }
 
     /// The state at `strides` after an outlook's sample.

@@ -31,9 +31,9 @@ impl Dmd {
         im != 0.0 && im.atan2(re).abs() > STILL
     }
 
-    /// The modes at present, largest share of the energy first. `interval`: time between snapshots, s. Modes are not orthogonal, so that shares
-    /// tell the large from the small and no more.
-    pub fn spectrum(&self, amplitudes: &[[f64; 2]], interval: f64) -> Vec<Mode> {
+    /// The modes at present, largest share of the energy first. `interval`: time between snapshots, s; `fields`: how many the
+    /// products are sums of, each over what it varies by. Modes are not orthogonal, so that shares tell the large from the small and no more.
+    pub fn spectrum(&self, amplitudes: &[[f64; 2]], interval: f64, fields: usize) -> Vec<Mode> {
         let squares: Vec<f64> = amplitudes.iter().map(|a| a[0] * a[0] + a[1] * a[1]).collect();
         let whole: f64 = squares.iter().sum();
         let pairs = self.eigenvalues().iter().zip(&squares).enumerate();
@@ -45,7 +45,7 @@ impl Dmd {
                 let oscillates = self.oscillates(number);
                 let both = if oscillates { 2.0 * square } else { *square };
                 // A delayed state has `delays` states; a wave of amplitude 1 has a mean square of 1/2.
-                let mean_square = both / self.shape.delays as f64;
+                let mean_square = both / (self.shape.delays * fields) as f64;
                 Mode {
                     frequency: if oscillates { angle / (TAU * interval) } else { 0.0 },
                     growth_rate: re.hypot(*im).ln() / interval,

@@ -71,3 +71,19 @@ fn modes_have_the_frequency_the_growth_rate_and_the_share_of_their_waves() {
     assert!((modes[0].frequency - 1.3 / std::f64::consts::TAU / 0.5).abs() < 1e-6);
     assert!((1.0..1.5).contains(&modes[0].amplitude), "{modes:?}");
 }
+
+/// A wave of amplitude 1 has a root mean square of 2^-.5, in one field or in two.
+#[test]
+fn amplitudes_are_over_what_a_field_varies_by() {
+    let waves = Waves::new(&[(1.0, 1.3)]);
+    let fields = ["U", "T"].map(|name| Array::solved(name, 1, vec![1.0; N]));
+    let mut linear = online(fields.into(), fit());
+    for k in 0..40 {
+        let u = waves.at(f64::from(k));
+        let t: Vec<f64> = u.iter().map(|u| 300.0 + 5.0 * u).collect();
+        linear.offer(0.5 * f64::from(k), 0.5, &[&u, &t]).unwrap();
+    }
+    linear.fit().unwrap();
+    let found = linear.modes()[0].amplitude;
+    assert!((found - std::f64::consts::SQRT_2).abs() < 0.05, "{found}");
+}
