@@ -132,8 +132,7 @@ pub fn estimate(series: &Series, confidence: f64) -> Option<Estimate> {
         return None;
     }
     let rms = variance.sqrt();
-    let share = (range.1 - range.0) / series.duration();
-    let rows = series.len() as f64 * share;
+    let rows = series.within(range).len() as f64;
     let independent = if of_mean.of_mean > 0.0 { (variance / of_mean.of_mean).min(rows) } else { rows };
     let enough = |known: &Known| {
         periodic || known.of_mean <= 0.0 || (independent >= MIN_SAMPLES && known.freedom >= MIN_FREEDOM)

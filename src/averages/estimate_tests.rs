@@ -98,6 +98,23 @@ fn rows_weigh_as_the_time_that_they_stand_for() {
     assert!((found.mean - 2.0).abs() < 0.02, "{found:?}");
 }
 
+/// A start of a thousand short steps, and forty long ones.
+#[test]
+fn there_are_no_more_independent_samples_than_rows_behind_the_transient() {
+    let mut series = Series::default();
+    let mut time = 0.0;
+    for i in 0..1040 {
+        let (weight, value) = match i {
+            0..1000 => (1e-5, 50.0),
+            _ => (0.1, if i % 2 == 0 { 1.0 } else { -1.0 }),
+        };
+        time += weight;
+        series.push(Row { time, value, weight, surrogate: false });
+    }
+    let found = estimated(&series);
+    assert!(found.independent_samples < 50.0, "{found:?}");
+}
+
 #[test]
 fn values_whose_squares_are_no_numbers_have_no_estimate() {
     assert_eq!(estimate(&of(100, 0.1, |t| 1e200 * t.sin()), 0.95), None);
