@@ -7,8 +7,6 @@ pub struct Scatter {
     pub of_mean: f64,
     /// Degrees of freedom of that variance, for Student's t.
     pub freedom: f64,
-    /// Order of the autoregression that was chosen.
-    pub order: usize,
 }
 
 /// Highest order that is tried.
@@ -74,7 +72,7 @@ fn of_values(values: &[f64]) -> Option<Scatter> {
     let mean = values.iter().sum::<f64>() / count;
     let centred: Vec<f64> = values.iter().map(|v| v - mean).collect();
     let power = centred.iter().map(|v| v * v).sum::<f64>() / count;
-    let white = Scatter { of_mean: power / (count - 1.0), freedom: count - 1.0, order: 0 };
+    let white = Scatter { of_mean: power / (count - 1.0), freedom: count - 1.0 };
     if power <= 0.0 {
         return Some(white);
     }
@@ -110,7 +108,6 @@ fn of_coefficients(a: &[f64], innovation: f64, n: f64) -> Scatter {
     Scatter {
         of_mean: innovation / (gain * gain) / n * of_coefficients.min(4.0).exp(),
         freedom: (2.0 / (2.0 / (n - 1.0) + of_coefficients)).max(1.0),
-        order,
     }
 }
 
