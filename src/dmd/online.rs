@@ -273,7 +273,8 @@ impl OnlineDmd {
             settle.missed();
             return (Look::default(), None);
         }
-        if settle.scale.is_empty() {
+        // A flow that rests at its first looks has no scale yet
+        if settle.scale.iter().all(|scale| *scale <= 0.0) {
             settle.scale = variations(&self.snapshots, &slots, &self.least());
         }
         let whole = window(&self.snapshots, &slots, &numbers, &settle.scale);

@@ -119,7 +119,7 @@ impl Before {
 /// What is known of the wave.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Settle {
-    /// Mean square of what each field varied by at the first look: amplitudes of all looks are over it.
+    /// Mean square of what each field varied by at the first look at which one did: amplitudes of all looks are over it.
     pub(crate) scale: Vec<f64>,
     /// Squared amplitude and growth a period of the looks at which the wave was clear, since the last undoing.
     known: Vec<(f64, f64)>,

@@ -1,6 +1,6 @@
 //! What is known on paper: sums of damped waves, trends, constants, and what is no fit.
 
-use crate::{Combination, FitSettings, OnlineDmd, Settings, Storage, Window, relative};
+use crate::{Combination, FitSettings, OnlineDmd, Settings, Settle, Storage, Window, relative};
 use m4gn_parallel::Comm;
 use m4gn_state::Array;
 use rand::{RngExt, SeedableRng};
@@ -409,4 +409,16 @@ fn what_is_wrong_is_named() {
     assert!(linear.offer(0.0, 0.1, &[&[1.0, 2.0]]).unwrap_err().to_string().contains("expected 3"));
     assert!(linear.offer(0.0, 0.1, &[&[1.0, 2.0, f64::NAN]]).unwrap_err().to_string().contains("finite"));
     assert!(linear.offer(0.0, 0.1, &[]).unwrap_err().to_string().contains("expected 1"));
+}
+
+#[test]
+fn a_start_up_has_its_scale_from_the_first_look_at_which_something_moves() {
+    let (mut linear, mut settle) = (two(Storage::Double), Settle::default());
+    let waves = Waves::new(&[(1.0, 0.9)]);
+    feed(&mut linear, 0..22, |_| waves.base.clone());
+    linear.settle(&mut settle);
+    assert_eq!(settle.scale[0], 0.0);
+    feed(&mut linear, 22..24, |k| waves.at(k));
+    linear.settle(&mut settle);
+    assert!(settle.scale[0] > 0.0);
 }
