@@ -259,9 +259,11 @@ impl OnlineDmd {
     /// A look at the last states for the wave that grows or falls, where one is due, and what the run goes on with where it is to be changed:
     /// how it would go on as it is, and with the change. Nothing is seen where prescribed values have changed. Collective.
     pub fn settle(&mut self, settle: &mut Settle) -> (Look, Option<[Outlook; 2]>) {
-        if !settle.looks(self.stretch()) {
+        let present = self.state.present.unwrap_or(0);
+        if !settle.looks(self.stretch(), present) {
             return (Look::default(), None);
         }
+        settle.looked = present;
         self.complete();
         let passed = settle.passes();
         let seen = (self.stretch() - passed).clamp(Settle::STATES, Settle::MOST);

@@ -138,6 +138,9 @@ pub struct Settle {
     undone: usize,
     /// Whether there is nothing more to do.
     over: bool,
+    /// Number of the snapshot of the last look.
+    #[serde(default)]
+    pub(crate) looked: i64,
 }
 
 impl Settle {
@@ -155,10 +158,12 @@ impl Settle {
         if self.changed { PASSES } else { 0 }
     }
 
-    /// Whether there is to be a look behind so many snapshots without a gap.
-    pub fn looks(&self, stretch: usize) -> bool {
+    /// Whether there is to be a look behind so many snapshots without a gap, the last one of this number.
+    pub fn looks(&self, stretch: usize, present: i64) -> bool {
         let least = Self::STATES + self.passes();
-        !self.over && stretch >= least && (stretch - least).is_multiple_of(EVERY)
+        // Where snapshots make room for later ones, a stretch does not grow
+        let is_late = present > self.looked + EVERY as i64;
+        !self.over && stretch >= least && ((stretch - least).is_multiple_of(EVERY) || is_late)
     }
 
     /// Whether a jump in time would only come in between: a change is to be judged, or the wave grows or falls.

@@ -102,14 +102,17 @@ fn a_change_after_which_the_wave_grows_faster_is_undone() {
         Settle { before: Some(before), changed: true, ..Settle::default() }
     };
     let mut settle = before(0.1, 0.05);
-    assert!(settle.waits() && !settle.looks(Settle::STATES) && settle.looks(Settle::STATES + PASSES));
+    assert!(settle.waits() && !settle.looks(Settle::STATES, 0) && settle.looks(Settle::STATES + PASSES, 0));
     let grows = window_of(&stuart_landau(0.1, 0.05, Settle::STATES));
     let look = settle.look(&grows);
     assert_eq!((look.turn, look.kept), (Turn::Undo, Some(false)));
-    assert!(!settle.looks(Settle::STATES) && settle.looks(Settle::STATES + PASSES), "not at once again");
+    assert!(
+        !settle.looks(Settle::STATES, 0) && settle.looks(Settle::STATES + PASSES, 0),
+        "not at once again"
+    );
     settle.before = before(0.1, 0.05).before;
     assert_eq!(settle.look(&grows).turn, Turn::Undo);
-    assert!(settle.is_over() && !settle.looks(Settle::STATES + PASSES), "it is left alone");
+    assert!(settle.is_over() && !settle.looks(Settle::STATES + PASSES, 0), "it is left alone");
     // Slower than before, and as large as it was
     let look = before(0.5, 0.1).look(&grows);
     assert_eq!((look.turn, look.kept), (Turn::Wait, Some(true)));
@@ -153,4 +156,11 @@ fn periods_are_those_of_stuart_and_landau() {
     assert!((8.0 * periods(8.0 * growth, 1.0 / first) - f64::from(k)).abs() < 1.0);
     let k = (0..1000).find(|&k| amplitude(2.0, growth, f64::from(k)) <= 1.02).unwrap();
     assert!((8.0 * periods(8.0 * growth, 0.5) - f64::from(k)).abs() < 1.0);
+}
+
+#[test]
+fn looks_go_on_where_snapshots_make_room_for_later_ones() {
+    let settle = Settle { looked: 60, ..Settle::default() };
+    let most = Settle::STATES + 33;
+    assert_eq!([61, 62, 63].map(|present| settle.looks(most, present)), [false, false, true]);
 }
