@@ -281,7 +281,7 @@ fn a_run_without_a_jump_says_why() {
             SETTINGS,
             3.0,
             1e9,
-            "no fit: it takes 24 states 2.000e-1 s apart without a gap (minSnapshots), and at the end there were 15; a first",
+            "no fit: it takes 24 states 2.000e-1 s apart without a gap (minSnapshots), and at the end there were 15; a first one comes at 4.8 s",
         ),
         // Noise
         (SETTINGS, 30.0, f64::NAN, "fits, the best with an error of "),

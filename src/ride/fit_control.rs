@@ -194,10 +194,10 @@ impl FitControl {
         match self.tries {
             0 => format!(
                 "no fit: it takes {} states {stride:.3e} s apart without a gap (minSnapshots), and at the end there were {}; a first one comes \
-                 at {:.4} s at the earliest",
+                 at {} s at the earliest",
                 rules.min_snapshots(),
                 self.contiguous,
-                time + missing as f64 * stride
+                Digits(6).of(time + missing as f64 * stride)
             ),
             n => format!(
                 "{n} fits, the best with an error of {:.3} of holding (jumpTolerance {}, fitTolerance {})",
