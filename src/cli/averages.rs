@@ -86,7 +86,7 @@ fn figures(found: &Estimate, settled: bool) -> serde_json::Value {
 }
 
 fn print(name: &str, confidence: f64, found: &Estimate, settled: bool) {
-    let percent = 100.0 * confidence;
+    let percent = (1e6 * confidence).round() / 1e4;
     println!("{}", found.line(name, confidence));
     println!(
         "  rms of the fluctuations {} ({percent} %)",
