@@ -12,7 +12,7 @@ pub struct Saved {
     /// Name of the series.
     pub name: String,
     /// [`Watch::state`].
-    pub state: (usize, bool),
+    pub state: (usize, u64),
     /// Its rows.
     pub rows: Vec<Row>,
 }
@@ -25,9 +25,9 @@ pub struct Saved {
 pub fn write<'a>(path: &Path, all: impl IntoIterator<Item = (&'a str, &'a Watch)>) -> Result<()> {
     let mut bytes = MAGIC.to_vec();
     for (name, watch) in all {
-        let (next, met) = watch.state();
-        for number in [name.len(), next, usize::from(met), watch.series.len()] {
-            bytes.extend((number as u64).to_le_bytes());
+        let (next, found) = watch.state();
+        for number in [name.len() as u64, next as u64, found, watch.series.len() as u64] {
+            bytes.extend(number.to_le_bytes());
         }
         bytes.extend(name.as_bytes());
         for row in watch.series.rows() {
@@ -66,14 +66,14 @@ pub fn parse(bytes: &[u8]) -> Option<Vec<Saved>> {
             Some(part)
         };
         let head: Vec<u64> = words(take(32)?).map(u64::from_le_bytes).collect();
-        let [length, next, met, count] = [0, 1, 2, 3].map(|i| usize::try_from(head[i]).unwrap_or(usize::MAX));
+        let [length, next, count] = [0, 1, 3].map(|i| usize::try_from(head[i]).unwrap_or(usize::MAX));
         let name = String::from_utf8_lossy(take(length)?).into_owned();
         let row = |row: &[u8]| {
             let n: Vec<f64> = words(row).map(f64::from_le_bytes).collect();
             Row { time: n[0], value: n[1], weight: n[2], surrogate: n[3] != 0.0 }
         };
         let rows = take(count.checked_mul(32)?)?.chunks_exact(32).map(row).collect();
-        all.push(Saved { name, state: (next, met != 0), rows });
+        all.push(Saved { name, state: (next, head[2]), rows });
     }
     Some(all)
 }

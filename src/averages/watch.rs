@@ -93,19 +93,25 @@ impl Watch {
         self.settled
     }
 
-    /// What a run that carries on has to know beside the rows: the number of rows at the next check, and whether the last one found what is
-    /// asked for.
-    pub fn state(&self) -> (usize, bool) {
-        (self.next, self.met)
+    /// What a run that carries on has to know beside the rows: the number of rows at the next check, and what the last one found; 0: not what
+    /// is asked for.
+    pub fn state(&self) -> (usize, u64) {
+        (self.next, if self.met { self.asked() } else { 0 })
     }
 
-    /// Begins with the rows and the [`state`](Self::state) of an earlier run.
-    pub fn carry_on(&mut self, (next, met): (usize, bool), rows: &[Row]) {
+    /// What is asked for, as a number above 0.
+    fn asked(&self) -> u64 {
+        u64::from(crc32c::crc32c(format!("{:?} {}", self.goal, self.confidence).as_bytes())) + 1
+    }
+
+    /// Begins with the rows and the [`state`](Self::state) of an earlier run. What that found counts where it was asked for the same.
+    pub fn carry_on(&mut self, (next, found): (usize, u64), rows: &[Row]) {
         self.series = Series::default();
         for row in rows {
             self.series.push(*row);
         }
-        (self.next, self.met, self.settled) = (next.min(2 * rows.len() + 16), met, false);
+        (self.next, self.settled) = (next.min(2 * rows.len() + 16), false);
+        self.met = found == self.asked();
     }
 }
 
