@@ -18,10 +18,10 @@ using namespace Foam;
 //- Steps after the jump that are watched, and those of which a time scale can be told
 const label most = 100, fewest = 20;
 
-//- Entries of the dmd surrogate for a jump after a few states, however they are fitted
+//- Entries of the dmd surrogate for a jump after a few states, however they are fitted, and whatever the case sets
 const char* const early =
-    "{ window 14; holdOut 3; delays (2 4); svdRank (4 8); jumpTolerance 1e30; fitTolerance "
-    "1e30; initialJump 1; maxJump 1; keep no; }";
+    "{ window 14; minSnapshots 14; holdOut 3; delays (2 4); svdRank (4 8); jumpTolerance 1e30; fitTolerance "
+    "1e30; initialJump 1; maxJump 1; cutTransient no; keep no; }";
 
 dictionary parsed(const std::string& text)
 {

@@ -72,6 +72,10 @@ why=$(sed -n 's/^dmd: does not fit: //p' ../log.check)
 expect_error "${why%% of ddtSchemes*}" 'mode replace; surrogates (dmd);'
 echo "refused: $why"
 ddt_scheme Euler
+
+# By hand, beside entries that a window of a few states does not go with
+ride 'mode check; report "../own.json"; surrogates (dmd); dmd { minSnapshots 24; cutTransient yes; }'
+grep -q '"jumped": *true' ../own.json || { cat ../own.json; fail "mode check did not jump"; }
 : > system/functions
 clean_case
 
