@@ -276,8 +276,10 @@ impl Fits for DmdSurrogate {
         if let Some(interval) = interval {
             self.online.begin_anew(interval, step.time);
             self.description.stride = interval;
-            let RestartState { begin, interval, .. } = std::mem::take(&mut self.now);
-            self.now = RestartState { begin, interval, ..RestartState::default() };
+            let RestartState { begin, interval, settle, .. } = std::mem::take(&mut self.now);
+            // A start-up that was done with, or left alone, stays so
+            let settle = Some(settle).filter(Settle::is_over).unwrap_or_default();
+            self.now = RestartState { begin, interval, settle, ..RestartState::default() };
             self.rollout = None;
         }
         let period = self.now.interval.period();

@@ -106,6 +106,16 @@ fn a_change_after_which_the_wave_grows_faster_is_undone() {
 }
 
 #[test]
+fn what_has_settled_is_not_looked_at_again_where_the_interval_changes() {
+    let mut host = Host::new(&settings(true), 0.0, 0, 60.0, state([1.0, 0.0]));
+    host.delta_t = |time| if time < 20.0 { DELTA_T } else { 0.22 };
+    host.own = Some(advance);
+    host.run(0.0, |_| false);
+    assert!(host.log.contains("states are kept 4.000e-1 s apart"), "{}", host.log);
+    assert_eq!(host.log.matches("it stays as it is").count(), 1, "{}", host.log);
+}
+
+#[test]
 fn what_has_settled_and_what_soon_will_is_not_touched() {
     for first in [1.0, 0.9] {
         let (host, _) = run(&settings(true), first);
