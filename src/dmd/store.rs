@@ -119,7 +119,8 @@ impl Store {
         let mut store = Store { path: path.clone(), number, end: 8 + found, records: 0, last: i64::MIN };
         let last = kept.last().copied().unwrap_or(i64::MIN);
         let (mut entries, mut damage) = (Vec::new(), String::new());
-        loop {
+        // Behind the last one a run that was killed, or a full disk, may have left half a record.
+        while store.last < last {
             match next(&mut file, longest) {
                 Ok(None) => break,
                 Ok(Some((bytes, length))) => match entry(&bytes, snapshots) {
