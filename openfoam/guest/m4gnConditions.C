@@ -3,11 +3,13 @@
 #include "m4gnConditions.H"
 #include "HashSet.H"
 #include "m4gnDictionary.H"
+#include "m4gnNodes.H"
 #include "m4gnSchemeFields.H"
 #include "m4gnVersion.H"
 #include "pointFields.H"
 #include "StringStream.H"
 #include "Time.H"
+#include "globalIndex.H"
 #include "uniformDimensionedFields.H"
 #include "volFields.H"
 #include <cmath>
@@ -229,8 +231,34 @@ void Foam::m4gnConditions::addFields(texts& words, figures& found, const bool va
     }
 }
 
-Foam::m4gnConditions::m4gnConditions(const fvMesh& mesh) : mesh_(mesh)
+void Foam::m4gnConditions::addOrder(const bool ofRanks)
 {
+    if (ofRanks) {
+        given_["ranks of the state"] = std::to_string(Pstream::nProcs());
+    }
+    const globalIndex consecutive(mesh_.nCells());
+    labelList numbers(mesh_.nCells());
+    forAll(numbers, celli) {
+        numbers[celli] = consecutive.toGlobal(celli);
+    }
+    labelList whole;
+    if (!ofRanks && Pstream::parRun()
+        && m4gnNodes::procAddressing(mesh_, "cellProcAddressing", mesh_.nCells(), whole))
+    {
+        numbers.transfer(whole);
+    }
+    const scalar nCells = returnReduce(mesh_.nCells(), sumOp<label>());
+    scalarField order(numbers.size());
+    forAll(order, celli) {
+        order[celli] = numbers[celli] / nCells;
+    }
+    addTo<scalar>(order_["order of the cells"], order, placesOf(mesh_, mesh_.C().primitiveField()));
+}
+
+Foam::m4gnConditions::m4gnConditions(const fvMesh& mesh, const bool ofRanks) : mesh_(mesh)
+{
+    addOrder(ofRanks);
+
     // "data" is what linear solvers have done in the last step
     static const wordHashSet others({"controlDict", "decomposeParDict", "blockMeshDict", "data"});
     const objectRegistry* registries[] = {&mesh.time(), &mesh.thisDb()};
@@ -261,7 +289,7 @@ Foam::m4gnConditions::m4gnConditions(const fvMesh& mesh) : mesh_(mesh)
 std::string Foam::m4gnConditions::now(const wordList& fields) const
 {
     texts words(given_);
-    figures found;
+    figures found(order_);
     addFields(words, found, true);
     figures kept;
     addKept(kept);

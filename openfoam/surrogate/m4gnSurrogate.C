@@ -87,7 +87,7 @@ void Foam::functionObjects::m4gnSurrogate::load()
         state_.reset(new m4gnState(mesh_, atStart_, fitted, !replaces_));
     }
     if (!conditions_) {
-        conditions_.reset(new m4gnConditions(mesh_));
+        conditions_.reset(new m4gnConditions(mesh_, m4gnHybridRun::has(dict_, "dmd")));
     }
     run_.reset(new m4gnHybridRun(name(), mesh_, dict_, session_.get(), *state_, *conditions_));
     if (replaces_) {
@@ -372,7 +372,7 @@ bool Foam::functionObjects::m4gnSurrogate::filesModified() const
 
         if (!postProcess && time_.timeIndex() == time_.startTimeIndex()) {
             own.atStart_ = wordHashSet(mesh_.thisDb().names());
-            own.conditions_.reset(new m4gnConditions(mesh_));
+            own.conditions_.reset(new m4gnConditions(mesh_, m4gnHybridRun::has(dict_, "dmd")));
             own.resume();
         }
     } else if (jump_) {
