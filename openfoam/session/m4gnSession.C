@@ -11,6 +11,7 @@
 #include "m4gnSegmentation.H"
 #include "m4gnStoredSegments.H"
 #include "m4gnCaseChecks.H"
+#include "m4gnVersion.H"
 #include "m4gnClock.H"
 #include "OSspecific.H"
 #include "Time.H"
@@ -241,7 +242,11 @@ void Foam::m4gnSession::checkDictionary(const dictionary& dict, const fileName& 
 {
     const fileName model(m4gn::resolve(dict.get<fileName>("model"), casePath));
 
-    if (!isFile(model, false)) {
+    // The first rank reads it for all of them, and another one may see another disk
+    bool found = isFile(model, false);
+    m4gn::broadcast(found);
+
+    if (!found) {
         FatalIOErrorInFunction(dict) << "There is no model " << model << nl
                                      << "    Give model as an absolute path, or relative to the case,"
                                      << " to models in " << m4gn::home() << ", or to that folder"

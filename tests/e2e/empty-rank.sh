@@ -35,3 +35,9 @@ m4gn info trajectory.h5 > info || fail "the recording cannot be read"
 grep -q 'frames' info || fail "the recording has no frames"
 reconstructPar -time 0.06 > log.reconstruct 2>&1 || fail "reconstructPar"
 below "$(difference 0.06/U ../serial/U)" 1e-5 "difference of U with a rank without cells"
+
+# The first rank reads the model: the others may see another disk
+echo "observe { type m4gnSurrogate; libs (m4gnFoam); mode observe; model cylinder-flow.safetensors; }" > system/functions
+rm -rf processor*
+runs decomposePar
+runs mpirun -np 1 icoFoam -parallel : -np 2 env M4GN_HOME=/nowhere icoFoam -parallel
