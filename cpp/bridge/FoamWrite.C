@@ -130,7 +130,7 @@ bool take_field(
         }
     }
     Foam::IOobject::writeEndDivider(os);
-    if (!os.good()) {
+    if (!os.stdStream().flush().good()) {
         FatalErrorInFunction << dict->objectPath() << " cannot be written" << Foam::exit(Foam::FatalError);
     }
     Foam::rm(dict->objectPath() + ".gz");

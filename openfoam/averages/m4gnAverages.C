@@ -5,6 +5,7 @@
 #include "StringStream.H"
 #include "addToRunTimeSelectionTable.H"
 #include "m4gnDictionary.H"
+#include "m4gnFieldFiles.H"
 #include "m4gnVersion.H"
 #include "timeControlFunctionObject.H"
 #include "vector.H"
@@ -287,12 +288,10 @@ bool Foam::functionObjects::m4gnAverages::check(const bool due)
         }
         os << row.c_str() << endl;
     }
-    const fileName part(dir / ".averages.json");
-    {
-        OFstream os(part);
-        os << (json + "\n}").c_str() << endl;
-    }
-    mv(part, dir / "averages.json");
+    m4gnFieldFiles files;
+    files.write(
+        time_, dir / "averages.json", [&](Ostream& os) { os << (json + "\n}").c_str() << endl; }, true);
+    files.rename();
 
     return all && any;
 }

@@ -62,9 +62,9 @@ void Foam::m4gnFieldFiles::write(
                     plain ? IOstream::ASCII : time.writeFormat(),
                     compressed ? IOstream::COMPRESSED : IOstream::UNCOMPRESSED));
     contents(os);
-    os.stdStream().flush();
 
-    if (!os.good()) {
+    // What OpenFOAM's own stream says is of the time before
+    if (!os.stdStream().flush().good()) {
         FatalErrorInFunction << "Cannot write " << name << ": no permission, or the disk is full"
                              << exit(FatalError);
     }

@@ -2,12 +2,11 @@
 
 #include "m4gnCheck.H"
 #include "m4gnDictionary.H"
+#include "m4gnFieldFiles.H"
 #include "m4gnNodeTypes.H"
 #include "m4gnHybridRun.H"
 #include "m4gnVersion.H"
 #include "memInfo.H"
-#include "OFstream.H"
-#include "OSspecific.H"
 #include "Time.H"
 #include <algorithm>
 
@@ -204,10 +203,9 @@ void Foam::m4gnCheck::solved()
 void Foam::m4gnCheck::write() const
 {
     if (Pstream::master()) {
-        // Whole at any time
-        const fileName part(file_ + ".part");
-        OFstream os(part);
-        os << m4gn::json(report_).c_str() << endl;
-        mv(part, file_);
+        m4gnFieldFiles files;
+        files.write(
+            mesh_.time(), file_, [&](Ostream& os) { os << m4gn::json(report_).c_str() << endl; }, true);
+        files.rename();
     }
 }

@@ -6,11 +6,11 @@
 #include "m4gnClockwork.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
+#include "m4gnFieldFiles.H"
 #include "m4gnNodeTypes.H"
 #include "m4gnSegmentField.H"
 #include "m4gnCaseChecks.H"
 #include "m4gnVersion.H"
-#include "OFstream.H"
 #include "OSspecific.H"
 #include "StringStream.H"
 #include "Time.H"
@@ -155,13 +155,10 @@ void Foam::m4gnHybridRun::end()
         return;
     }
 
-    mkDir(dir_);
-    OFstream os(dir_ / "summary.json");
-    os << summary.c_str();
-
-    if (!os.good()) {
-        FatalErrorInFunction << "Cannot write " << os.name() << exit(FatalError);
-    }
+    m4gnFieldFiles files;
+    files.write(
+        mesh_.time(), dir_ / "summary.json", [&](Ostream& os) { os << summary.c_str(); }, true);
+    files.rename();
 }
 
 template <class Type>
