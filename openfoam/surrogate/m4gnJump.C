@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnJump.H"
+#include "m4gnCaseChecks.H"
 #include "m4gnExplicitStress.H"
 #include "m4gnLastStep.H"
 #include "m4gnOwnFields.H"
@@ -120,6 +121,16 @@ Foam::m4gnJump::m4gnJump(
     m4gnFunctionObjects::check(name_, time_, dict_);
     run_.checkQuantities(others());
     run_.setWithin([this] { return within(); });
+
+    if (m4gnHybridRun::has(dict_, "dmd") && !m4gn::solidModel(mesh_).empty()) {
+        string why;
+        law_ = m4gnSolidLaw::New(mesh_, &why);
+        if (!law_) {
+            Info << "m4gn: what solids4foam makes of a state when it writes it (sigmaEq, epsilon, stresses of"
+                 << " points) is not written in jumps: " << why.c_str() << nl
+                 << "    To build what makes it: setup/solids4foam.sh, or openfoam/solids4foam" << endl;
+        }
+    }
 }
 
 void Foam::m4gnJump::advance(const m4gn_ride_answer& answer)
@@ -155,6 +166,10 @@ Foam::List<Foam::m4gnHybridRun::quantity> Foam::m4gnJump::quantities() const
 
 void Foam::m4gnJump::writeState()
 {
+    if (law_) {
+        law_->write();
+        return;
+    }
     time_.write();
     if (m4gnExplicitStress::registered(mesh_)) {
         // solidDisplacementFoam makes it of sigmaD when it writes

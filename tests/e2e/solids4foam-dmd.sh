@@ -23,8 +23,14 @@ while read -r ranks name material traction scheme field; do
     [ "$ranks" -eq 1 ] || beside='ahead { type m4gnAnderson; libs (m4gnFoam); compare no; }'
     ride "$dmd"
     replaces 0.15 "$what"
-    gathered 0.6
-    close_to ../full "$(calc "0.05*$(difference ../full/{0.6,0.5}/"$field")")" 0.6/{"$field",sigma}
+    if [ "$ranks" -eq 1 ]; then
+        # In jumps too
+        for time in 0.{1..6}; do [ -f "$time/sigmaEq" ] || fail "$what: no sigmaEq at $time"; done
+    fi
+    gathered 0.5,0.6
+    change=$(difference ../full/{0.6,0.5}/"$field")
+    close_to ../full "$(calc "0.05*$change")" 0.6/{"$field",sigma}
+    close_to ../full "$(calc "0.1*$change")" 0.5/sigma
 done <<'EOD'
 1 linearGeometryTotalDisplacement linearElastic 200 Euler D
 1 linearGeometry linearElastic 200 Euler D
