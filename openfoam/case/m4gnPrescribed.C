@@ -90,7 +90,8 @@ void Foam::m4gnPrescribed::find(const word& name, DynamicList<Tuple2<word, label
         const bool random = isRandom(patch.type());
 
         if (random || changes(patch)) {
-            if (random || !isA<fixedValueFvPatchField<Type>>(patch)) {
+            // The displacement of a velocity is that of the step before and more
+            if (random || patch.type() == "solidVelocity" || !isA<fixedValueFvPatchField<Type>>(patch)) {
                 refuse(name, patch);
             }
             found.append({name, patchi});
@@ -106,8 +107,11 @@ template <class Type> void Foam::m4gnPrescribed::say(const label i, const scalar
         return;
     }
     const fieldType& field = mesh_.lookupObject<fieldType>(found_[i].first());
-    const fvPatchField<Type>& patch = field.boundaryField()[found_[i].second()];
-    Field<Type> faceValues(patch);
+    const label patchi = found_[i].second();
+    const fvPatchField<Type>& patch = field.boundaryField()[patchi];
+    // Of the increment of a displacement, solids4foam's conditions prescribe what it leads to
+    const auto* sum = field.name() == "DD" ? mesh_.findObject<fieldType>("D") : nullptr;
+    Field<Type> faceValues(sum ? sum->boundaryField()[patchi] : patch);
 
     if (later > 0) {
         Time& time = const_cast<Time&>(mesh_.time());
@@ -116,6 +120,9 @@ template <class Type> void Foam::m4gnPrescribed::say(const label i, const scalar
         tmp<fvPatchField<Type>> copy(patch.clone(patch.internalField()));
         copy.ref().evaluate();
         faceValues = copy();
+        if (sum) {
+            faceValues += sum->oldTime().boundaryField()[patchi];
+        }
         time.setTime(now, time.timeIndex());
     }
 

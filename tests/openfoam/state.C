@@ -218,3 +218,23 @@ TEST(whatIsPrescribedIsKnownBeforehand)
     EXPECT(m4gnState::ahead(&state, 0.5, rooms.data()) == M4GN_OK);
     EXPECT_NEAR(later[0], 2, 1e-12);
 }
+
+// As solids4foam has it: a table of the displacement, of which a step makes its increment
+TEST(anIncrementIsPrescribedByWhatItLeadsTo)
+{
+    fixture f;
+    f.run.write(
+        "0/DD", "dimensions [0 1 0 0 0 0 0]; internalField uniform (0 0 0); boundaryField {"
+                " left { type uniformFixedValue; uniformValue table ((0 (1 0 0)) (1 (3 0 0))); }"
+                " \"(right|bottom|top)\" { type zeroGradient; } \"(back|front)\" { type empty; } }");
+    const volVectorField DD(f.io("DD"), *f.mesh);
+    volVectorField D(f.io("D"), *f.mesh, dimensionedVector(dimLength, Zero), f.U->boundaryField().types());
+    D.boundaryFieldRef()[0] == vector(4, 0, 0);
+    D.oldTime();
+    D.boundaryFieldRef()[0] == vector(7, 0, 0);
+
+    m4gnPrescribed prescribed(*f.mesh, {"DD"});
+    EXPECT_NEAR(prescribed.values()[0][0], 7, 1e-12);
+    prescribed.say(0.5);
+    EXPECT_NEAR(prescribed.values()[0][0], 2 + 4, 1e-12);
+}
