@@ -39,6 +39,23 @@ bool isForAWhile(const dictionary& dict, const Time& time)
     return begin >= 0 && begin < to && end > from && (begin > from || end < to);
 }
 
+//- Meshes on which somebody solves, this one among them
+wordHashSet solvedMeshes(const fvMesh& mesh)
+{
+    wordHashSet meshes(mesh.time().names<fvMesh>());
+    // That of solids4foam's vertex-centred models has no state of its own
+    meshes.erase("dualMesh");
+    // Nobody solves on a mesh that fields are mapped to
+    if (const dictionary* functions = mesh.time().controlDict().findDict("functions")) {
+        for (const entry& e : *functions) {
+            if (e.isDict() && e.dict().getOrDefault<word>("type", word::null) == "mapFields") {
+                meshes.erase(e.dict().getOrDefault<word>("mapRegion", word::null));
+            }
+        }
+    }
+    return meshes;
+}
+
 } // End anonymous namespace
 
 Foam::string Foam::m4gn::notHandedOver(
@@ -70,21 +87,23 @@ Foam::string Foam::m4gn::notHandedOver(
     return string();
 }
 
+Foam::wordList Foam::m4gn::otherMeshes(const fvMesh& mesh)
+{
+    DynamicList<word> others;
+    for (const word& name : solvedMeshes(mesh).sortedToc()) {
+        // Those of solids4foam's materials are parts of this one
+        if (name != mesh.name() && !name.ends_with("Subset")) {
+            others.append(name);
+        }
+    }
+    return wordList(others);
+}
+
 Foam::string Foam::m4gn::unsupported(const fvMesh& mesh)
 {
     OStringStream why;
 
-    wordHashSet meshes(mesh.time().names<fvMesh>());
-    // That of solids4foam's vertex-centred models has no state of its own
-    meshes.erase("dualMesh");
-    // Nobody solves on a mesh that fields are mapped to
-    if (const dictionary* functions = mesh.time().controlDict().findDict("functions")) {
-        for (const entry& e : *functions) {
-            if (e.isDict() && e.dict().getOrDefault<word>("type", word::null) == "mapFields") {
-                meshes.erase(e.dict().getOrDefault<word>("mapRegion", word::null));
-            }
-        }
-    }
+    const wordHashSet meshes(solvedMeshes(mesh));
     if (meshes.size() > 1) {
         why << "there are several meshes (" << join(meshes.sortedToc()).c_str() << "), which go on in step";
         return why.str();

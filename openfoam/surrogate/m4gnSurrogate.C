@@ -98,6 +98,14 @@ void Foam::functionObjects::m4gnSurrogate::load()
                                  << "    Expected sources and zones that stay as they are;"
                                  << " use mode observe" << exit(FatalError);
         }
+        // A fit has refused them with what else is not in its state
+        const wordList others(session_ ? m4gn::otherMeshes(mesh_) : wordList());
+        if (others.size()) {
+            FatalErrorInFunction << "mode replace cannot jump on the mesh " << mesh_.name()
+                                 << " alone: the run solves on " << m4gn::join(others)
+                                 << " too, which would stay behind in time" << nl
+                                 << "    Expected one mesh; use mode observe" << exit(FatalError);
+        }
         refuseMemory();
         jump_.reset(new m4gnJump(name(), mesh_, dict_, *run_, *state_, completions_));
         setProperty(writesFrom, time_.startTime().value());

@@ -165,6 +165,21 @@ TEST(sourcesAreNamed)
     EXPECT_TEXT(m4gn::sources(*c.mesh), "fvOptions porosity");
 }
 
+// As the solid beside its fluid, and as a material of a solid
+TEST(meshesThatWouldStayBehindAreNamed)
+{
+    channel c(2, 1, "fixedValue");
+    const auto beside = [&](const word& name) {
+        const fvMesh other(
+            IOobject(name, c.run.time().timeName(), c.run.time()), pointField(c.mesh->points()),
+            faceList(c.mesh->faces()), labelList(c.mesh->faceOwner()), labelList(c.mesh->faceNeighbour()));
+        return m4gn::otherMeshes(*c.mesh);
+    };
+    EXPECT(m4gn::otherMeshes(*c.mesh).empty());
+    EXPECT(beside("solid") == wordList({"solid"}));
+    EXPECT(beside("steelSubset").empty());
+}
+
 // From 0 to 1 s
 TEST(sourcesThatActForAPartOfARunAreNamed)
 {
