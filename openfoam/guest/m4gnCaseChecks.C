@@ -89,6 +89,10 @@ void Foam::m4gn::refuseMotion(const functionObject& object, const fvMesh& mesh, 
 
 Foam::word Foam::m4gn::solidModel(const fvMesh& mesh)
 {
+    // Beside a fluid its properties are registered for all meshes
+    if (!mesh.time().foundObject<regIOobject>("solidModel_" + mesh.name())) {
+        return word::null;
+    }
     const auto* properties = mesh.time().findObject<IOdictionary>("solidProperties");
 
     return properties ? properties->getOrDefault<word>("solidModel", word::null) : word::null;

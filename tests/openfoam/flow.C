@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "testing.H"
+#include "m4gnCaseChecks.H"
 #include "m4gnFluxProjection.H"
 #include "m4gnHandOver.H"
 #include "m4gnCompletion.H"
@@ -222,4 +223,17 @@ TEST(tablesOverTimeAreToldFromOthers)
     };
     EXPECT_TEXT(changing("type scalarSemiImplicitSource; rate table ((0 1) (1 2));"), "heat of fvOptions");
     EXPECT_TEXT(changing("type jouleHeatingSource; sigma table ((300 1) (400 2));"), "");
+}
+
+// The fluid's mesh moves beside a body whose own mesh follows it
+TEST(aMeshFollowsTheBodyThatIsOnIt)
+{
+    channel c(2, 1, "fixedValue");
+    const Time& time = c.run.time();
+    const IOdictionary properties(
+        IOobject("solidProperties", time.constant(), time),
+        dict("solidModel nonLinearGeometryUpdatedLagrangian;"));
+    EXPECT(!m4gn::meshFollowsBody(*c.mesh));
+    const IOdictionary solid(IOobject("solidModel_" + c.mesh->name(), time.constant(), time), dict(""));
+    EXPECT(m4gn::meshFollowsBody(*c.mesh));
 }
