@@ -40,10 +40,14 @@ static bool fixes(const fvPatchVectorField& pD)
     IStringStream is(os.str());
     const word actual(dictionary(is).get<word>("type"));
 
+    if (actual.ends_with("ZeroShear") || actual == "displacementOrTraction") {
+        // A directionMixed one
+        return true;
+    }
     const bool free = actual.find("raction") != string::npos || actual.find("ontact") != string::npos
-                      || actual.ends_with("ZeroShear");
+                      || actual.find("orce") != string::npos;
 
-    if (!free && !actual.starts_with("fixed")) {
+    if (!free && !actual.starts_with("fixed") && !actual.ends_with("Displacement")) {
         FatalErrorInFunction << "Whether the condition " << actual << " at patch " << pD.patch().name()
                              << " fixes the displacement is not known: its"
                              << " library is not loaded." << nl

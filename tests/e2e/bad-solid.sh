@@ -45,6 +45,15 @@ rm 0/D
 refuses 'found no such field'
 again 's/tip .*/tip { type springLoaded; value uniform (0 0 0); }/' 0/D 'Whether the condition springLoaded at patch tip fixes the displacement is not known'
 
+# Those of solids4foam are told by their names, as a run has them: held at the clamp, free at the tip
+segments "$elastic"
+runs postProcess -func m4gnSegments -time 0
+lowest=$(sed -n 's/^m4gn: eigenvalue 1 = //p' log.run)
+sed -i 's/clamp .*/clamp { type normalDisplacementZeroShear; value uniform (0 0 0); }/
+    s/tip .*/tip { type solidForce; force uniform (0 0 0); value uniform (0 0 0); }/' 0/D
+runs postProcess -func m4gnSegments -time 0
+expect_log "eigenvalue 1 = $lowest"
+
 # Materials that are not known
 materials() { { header mechanicalProperties; echo "planeStress no; mechanical ($1);"; } > $properties; }
 segments "$elastic"
