@@ -91,9 +91,10 @@ void Foam::functionObjects::m4gnAnderson::start()
     }
     started_ = true;
 
-    m4gn::checkLast(*this, time_, "the next time step");
+    // When it acts all others have been executed, but m4gnSurrogate jumps then
+    m4gn::checkLast(*this, time_, "the next time step", "m4gnSurrogate");
 
-    string why("the solver is not solids4Foam");
+    string why("solids4Foam solves for no solid on the mesh " + mesh_.name());
     if (!m4gn::solidModel(mesh_).empty()) {
         law_ = m4gnSolidLaw::New(mesh_, &why);
     }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnCaseChecks.H"
+#include "m4gnFunctionObjects.H"
 #include "functionObject.H"
 #include "fvMesh.H"
 #include "HashSet.H"
@@ -114,16 +115,17 @@ bool Foam::m4gn::onStoredTimes(const functionObject& object)
     return functionObject::postProcess;
 }
 
-void Foam::m4gn::checkLast(const functionObject& object, const Time& time, const char* what)
+void Foam::m4gn::checkLast(const functionObject& object, const Time& time, const char* what, const word& type)
 {
     const functionObjectList& all = time.functionObjects();
-    const label own = all.findObjectID(object.name());
 
-    if (own < all.size() - 1) {
-        FatalErrorInFunction << "Function object " << all[own + 1].name() << " comes after " << object.name()
-                             << " of type " << object.type() << ", and would look at " << what << nl
-                             << "    Have " << object.name() << " as the last one in functions"
-                             << exit(FatalError);
+    for (label i = all.findObjectID(object.name()) + 1; i < all.size(); ++i) {
+        if (type.empty() || m4gnFunctionObjects::typeOf(all[i], time) == type) {
+            FatalErrorInFunction << "Function object " << all[i].name() << " comes after " << object.name()
+                                 << " of type " << object.type() << ", and would look at " << what << nl
+                                 << "    Have " << object.name() << " as the last one in functions"
+                                 << exit(FatalError);
+        }
     }
 }
 
