@@ -83,6 +83,18 @@ static void addRange(dictionary& to, const word& name, const scalar low, const s
     to.add(new primitiveEntry(name, std::move(tokens)));
 }
 
+//- Adds the entries of a law, and of the one that it wraps
+static void addLaws(DynamicList<dictionary>& to, const dictionary& law)
+{
+    to.append(law);
+    for (const entry& e : law) {
+        // mechanicalLaw, effectiveStressMechanicalLaw, passiveMechanicalLaw
+        if (e.isDict() && e.keyword().ends_with("echanicalLaw")) {
+            addLaws(to, e.dict());
+        }
+    }
+}
+
 } // End namespace Foam
 
 Foam::m4gnMechanicalProperties::m4gnMechanicalProperties(const fvMesh& mesh) : mesh_(mesh)
@@ -135,16 +147,29 @@ Foam::PtrList<Foam::entry> Foam::m4gnMechanicalProperties::materials() const
     return PtrList<entry>(dict().lookup("mechanical"));
 }
 
-Foam::wordList Foam::m4gnMechanicalProperties::laws() const
+Foam::List<Foam::dictionary> Foam::m4gnMechanicalProperties::lawEntries() const
 {
-    wordHashSet names;
+    DynamicList<dictionary> all;
 
     if (listed()) {
         const PtrList<entry> list(materials());
         for (const entry& material : list) {
-            if (material.isDict() && material.dict().found("type")) {
-                names.insert(material.dict().get<word>("type"));
+            if (material.isDict()) {
+                addLaws(all, material.dict());
             }
+        }
+    }
+
+    return List<dictionary>(all);
+}
+
+Foam::wordList Foam::m4gnMechanicalProperties::laws() const
+{
+    wordHashSet names;
+
+    for (const dictionary& law : lawEntries()) {
+        if (law.found("type")) {
+            names.insert(law.get<word>("type"));
         }
     }
 

@@ -70,14 +70,9 @@ Foam::mechanicalModel& Foam::m4gnSolids4FoamLaw::mechanical()
 
 bool Foam::m4gnSolids4FoamLaw::solvesPressure() const
 {
-    const m4gnMechanicalProperties properties(mesh_);
-    if (!properties.listed()) {
-        // A solid that only conducts heat needs none
-        return false;
-    }
-    const PtrList<entry> all(properties.materials());
-    for (const entry& law : all) {
-        if (law.isDict() && law.dict().getOrDefault<bool>("solvePressureEqn", false)) {
+    // A solid that only conducts heat has none
+    for (const dictionary& law : m4gnMechanicalProperties(mesh_).lawEntries()) {
+        if (law.getOrDefault<bool>("solvePressureEqn", false)) {
             return true;
         }
     }

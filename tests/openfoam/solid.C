@@ -3,6 +3,7 @@
 #include "testing.H"
 #include "m4gnElasticBody.H"
 #include "m4gnFieldSet.H"
+#include "m4gnMechanicalProperties.H"
 #include "m4gnNodes.H"
 #include "volFields.H"
 
@@ -35,6 +36,20 @@ TEST(heldPointsOfAnElasticBody)
     }
 
     EXPECT_REFUSED(m4gnElasticBody(*mesh, dict("material { E 2e6; nu 0.3; }"), types), "not known");
+}
+
+// A law that wraps another one has its history
+TEST(lawsWithHistory)
+{
+    caseFolder run;
+    run.write(
+        "constant/mechanicalProperties",
+        "mechanical ( soil { type poroMechanicalLaw; biotCoeff 1; effectiveStressMechanicalLaw"
+        " { type linearElasticMohrCoulombPlastic; E { type uniform; } } } clay { type linearElastic; } );");
+    const autoPtr<fvMesh> mesh(run.block({1, 1, 1}, {1, 1, 1}, sixPatches));
+    const m4gnMechanicalProperties properties(*mesh);
+    EXPECT(properties.laws().size() == 3);
+    EXPECT(properties.lawsWithHistory() == wordList({"linearElasticMohrCoulombPlastic"}));
 }
 
 TEST(fieldsThatNoSolverRegisters)
