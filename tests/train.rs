@@ -275,6 +275,8 @@ fn a_calibrated_model_says_how_its_errors_grow() {
     };
     let said = failure(&calibrate("a.safetensors", &["--check"]));
     assert!(said.contains("no calibration to check"), "{said}");
+    let said = failure(&calibrate("a.safetensors", &["--json", "a.safetensors"]));
+    assert!(said.contains("it would replace what is read (a.safetensors)"), "{said}");
     let most = calibrate("a.safetensors", &["--strides", "1", "--coverage", "0.99"]);
     let said = String::from_utf8_lossy(&most.stdout);
     let expected = "3 trajectories cannot tell of more than 0.750; a coverage of 0.99 takes at least 99";

@@ -60,7 +60,9 @@ pub fn run(args: Args) -> Result<()> {
     for (option, value) in [("--strides", args.strides), ("--starts", args.starts)] {
         refuse(value == 0, Error::Input, || format!("{option} 0: expected at least 1"))?;
     }
-    let _claimed = crate::claim_outputs([&args.json, &args.out].map(|p| p.as_deref()), [Some(&*args.data)])?;
+    let data = Some(&*args.data);
+    let _json = crate::claim_outputs([args.json.as_deref()], [data, Some(&*args.model)])?;
+    let _out = crate::claim_outputs([args.out.as_deref()], [data])?;
     let mut model = Model::read(&args.model)?;
     let known = match (args.check, &model.spec.calibration) {
         (true, None) => {
