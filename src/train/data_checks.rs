@@ -92,9 +92,10 @@ mod tests {
     use super::*;
     use crate::sample::folder;
     use crate::tests::run;
-    use crate::{recorded, sample};
+    use crate::{Request, recorded, sample};
     use m4gn_learn::samples::Sample;
     use m4gn_mesh::NodeType;
+    use std::path::PathBuf;
 
     /// What is told of a training trajectory after `change`, with so much noise on U.
     fn told(noise: f64, change: impl Fn(&mut Sample)) -> Vec<String> {
@@ -138,6 +139,15 @@ mod tests {
         r.out = folder.path().join("new/models/a.safetensors");
         run(&r).unwrap();
         assert!(r.out.exists() && r.log().exists());
+        let model = r.out.clone();
+        let claimed = |out: PathBuf, json: Option<PathBuf>| {
+            let own = Request { out, json, from: Some(model.clone()), ..r.clone() };
+            run(&own).unwrap_err().to_string()
+        };
+        let message = claimed(r.log(), None);
+        assert!(message.contains("a.csv: is being written by"), "{message}");
+        let message = claimed(folder.path().join("b.safetensors"), Some(model.clone()));
+        assert!(message.contains("a.safetensors: it would replace what is read"), "{message}");
         r.out = r.log().join("b.safetensors");
         assert!(run(&r).unwrap_err().to_string().contains("the folder of --out cannot be made"));
     }

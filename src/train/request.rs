@@ -65,9 +65,13 @@ impl Request {
                 .map_err(|e| Error::file(folder, format!("the folder of --out cannot be made: {e}")))?;
         }
         // Models of other endings have the same checkpoint and log.
-        let checkpoint = self.checkpoint();
-        let outputs = [&self.out, &checkpoint].into_iter().chain(&self.json).map(PathBuf::as_path);
-        lock::outputs(outputs, [&self.data, &self.config].map(PathBuf::as_path))
+        let (checkpoint, log) = (self.checkpoint(), self.log());
+        let inputs = [&self.data, &self.config].map(PathBuf::as_path);
+        let mut claimed = lock::outputs([&self.out, &checkpoint, &log].map(PathBuf::as_path), inputs)?;
+        // A model may be trained further in its own place.
+        let inputs = inputs.into_iter().chain(self.from.as_deref());
+        claimed.extend(lock::outputs(self.json.as_deref(), inputs)?);
+        Ok(claimed)
     }
 
     /// Writes the figures of the end, where that was asked for. Collective: the first rank writes.
