@@ -257,17 +257,24 @@ impl Trainer<'_> {
             learn: self.learns(step),
         };
         let (weights, normaliser) = (&self.optimiser.weights, &self.normaliser);
-        let learned = learn_together(self.comm, &mut *self.backend, weights, normaliser, &batch)?;
+        // Before anything is changed or saved: what is on disk stays as good as it was.
+        let diverged = |what: String| {
+            Error::Numerical(format!(
+                "the training has diverged: {what} at step {}; the checkpoint and the best model written before are kept. \
+                 Lower learning_rate, or set gradient_clip, and carry on with --resume",
+                step + 1
+            ))
+        };
+        let learned = learn_together(self.comm, &mut *self.backend, weights, normaliser, &batch);
+        let learned = learned.map_err(|e| match e {
+            // A body that is unrolled beyond all numbers has no edges.
+            Error::Numerical(what) => diverged(what),
+            other => other,
+        })?;
         if let Some(gradient) = &learned.gradient {
-            // Before anything is changed or saved: what is on disk stays as good as it was.
             let (loss, length) = (self.weighted(&learned.losses), norm(gradient));
             if !(loss.is_finite() && length.is_finite()) {
-                return Err(Error::Numerical(format!(
-                    "the training has diverged: loss {loss:e} and norm of the gradient {length:e} at step {}; the checkpoint \
-                     and the best model written before are kept. Lower learning_rate, or set gradient_clip, and carry on \
-                     with --resume",
-                    step + 1
-                )));
+                return Err(diverged(format!("loss {loss:e} and norm of the gradient {length:e}")));
             }
         }
         Ok(learned)
