@@ -174,6 +174,7 @@ fn named<'a>(arrays: &'a Arrays, names: &[&'static str], path: &Path) -> Result<
 /// Time between frames, s: what the arrays say, else `dt`. That of a quasi-static data set is 0.
 pub(super) fn interval(arrays: &Arrays, dt: Option<f64>, path: &Path) -> Result<f64> {
     let positive = |dt: &f64| dt.is_finite() && *dt > 0.0;
+    let mut between = None;
     if let Some(Array { data: times, .. }) = arrays.get("times")
         && let [first, .., last] = times[..]
     {
@@ -184,10 +185,14 @@ pub(super) fn interval(arrays: &Arrays, dt: Option<f64>, path: &Path) -> Result<
         if let Some((i, t)) = times.iter().enumerate().find(off) {
             return Err(Error::file(path, format!("times: value {i} is {t} s: expected equal distances")));
         }
+        between = Some(step);
     }
     let said = arrays.get("dt").and_then(|a| a.data.first()).copied();
-    let dt = said.filter(positive).or(dt).filter(positive).ok_or_else(|| {
-        Error::file(path, "it does not say the time between frames (dt, s): give a positive one with --dt")
+    let dt = [said, between, dt].into_iter().flatten().find(positive).ok_or_else(|| {
+        Error::file(
+            path,
+            "it does not say the time between frames (dt, or times, s): give a positive one with --dt",
+        )
     })?;
     // 0.01 in single precision is meant as 0.01.
     let short = Some(dt as f32).filter(|short| f64::from(*short) == dt);
