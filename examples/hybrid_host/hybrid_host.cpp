@@ -10,8 +10,8 @@
 //
 //     hybrid_host - '{"mode": "replace", "surrogates": ["dmd"]}' 20
 //
-// At the time AT the run's state goes to STATE (the ride's) and STATE.fields (the host's); with `resume` a run goes on from there. The
-// last line is a checksum of p at the end.
+// At the time AT, at which a step of the solver or a stride of a jump has to end, the run's state goes to STATE (the ride's) and
+// STATE.fields (the host's); with `resume` a run goes on from there. The last line is a checksum of p at the end.
 
 #include "m4gn.hpp"
 
@@ -219,6 +219,9 @@ public:
         std::printf(
             "%send: time %.6f, steps %lld, sum of squares %.17g\n", summary.c_str(), solver_.time,
             static_cast<long long>(solver_.index), sum);
+        if (saveAt_ >= 0) {
+            throw std::runtime_error("no state was written: no step of the solver and no stride ended at AT");
+        }
     }
 
 private:
@@ -238,10 +241,15 @@ private:
     {
         if (std::abs(solver_.time - saveAt_) < 0.5 * dt) {
             ride_->save(path_);
-            std::ofstream(path_ + ".fields", std::ios::binary)
-                .write(reinterpret_cast<const char*>(&solver_.time), sizeof(double))
-                .write(reinterpret_cast<const char*>(&solver_.index), sizeof(int64_t))
-                .write(reinterpret_cast<const char*>(solver_.p.data()), nCells * sizeof(double));
+            std::ofstream file(path_ + ".fields", std::ios::binary);
+            if (!file.write(reinterpret_cast<const char*>(&solver_.time), sizeof(double))
+                     .write(reinterpret_cast<const char*>(&solver_.index), sizeof(int64_t))
+                     .write(reinterpret_cast<const char*>(solver_.p.data()), nCells * sizeof(double))
+                     .flush())
+            {
+                throw std::runtime_error("cannot write " + path_ + ".fields");
+            }
+            saveAt_ = -1;
         }
     }
 

@@ -29,6 +29,10 @@ free='"mode": "replace", "name": "host", "solver_steps": 10, "surrogate_steps": 
 carried_on "$model" "{$free}" 0.4 0.12 0.152
 grep -q 'm4gn: jumped 4 steps of 0.01 s' whole || fail "$(cat whole)"
 
+# A time that does not come
+if "$program" "$model" "{$free}" 0.4 unsaved.state 1 > unsaved 2>&1; then fail "no state, and no word of it"; fi
+grep -q 'no state was written' unsaved || fail "$(cat unsaved)"
+
 # A network of random weights is kept from jumping, and the run is the solver's own
 "$program" "$model" '{"mode": "observe", "rollout_steps": 5}' 0.4 > observed
 grep -q 'mean rms errors of the surrogate' observed || fail "nothing was observed"
