@@ -34,22 +34,24 @@ impl NativeBackend<'_> {
         let mut errors: Vec<[f64; 2]> = Vec::new();
         for step in 1..=rollout.steps {
             let next = frame(step)?;
-            let outputs = stepper.predict(&comm, domain, &mut state, &next)?;
-            state = domain.advance(&state, outputs, &next);
-            domain.take_level_off(&mut state);
+            // A body that has left the numbers has no edges.
+            let lost = domain.moves() && !state.iter().all(|v| v.is_finite());
+            if !lost {
+                let outputs = stepper.predict(&comm, domain, &mut state, &next)?;
+                state = domain.advance(&state, outputs, &next);
+                domain.take_level_off(&mut state);
+            }
             let both = |(field, free): (&[usize], &Vec<bool>)| {
                 let free = || (0..free.len()).filter(|node| free[*node]);
-                [&state, &start].map(|from| c.mean_square(field, from, &next, free()))
+                let [model, held] = [&state, &start].map(|from| c.mean_square(field, from, &next, free()));
+                [if lost { f64::INFINITY } else { model }, held]
             };
             errors.extend(c.predicted().zip(&free).map(both));
             if rollout.single {
                 state.clone_from(&next);
                 start = next;
-            } else if domain.moves() && !state.iter().all(|v| v.is_finite()) {
-                break;
             }
         }
-        errors.resize(rollout.steps * c.predicted().count(), [f64::INFINITY, 1.0]);
         Ok(errors)
     }
 }

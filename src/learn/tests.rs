@@ -1,6 +1,6 @@
 //! Gradients of bodies through several strides.
 
-use crate::backend::{Backend, Batch, Example};
+use crate::backend::{Backend, Batch, Example, Rollout};
 use crate::config::TrainingConfig;
 use crate::native::NativeBackend;
 use crate::normaliser::Normaliser;
@@ -73,6 +73,20 @@ fn learn(
     let batch = Batch { accumulate: false, learn: true, ..batch };
     let learned = backend.learn(weights, &normaliser, &batch).unwrap();
     (learned.losses.iter().sum(), learned.gradient.unwrap(), normaliser)
+}
+
+/// Its displacement grows with the square of the time: the error of the first frame with the fourth power, on and on.
+#[test]
+fn a_body_that_leaves_the_numbers_is_measured_beside_the_frame_that_is_held() {
+    let spec = spec();
+    let (work, _) = bar(&spec);
+    let mut backend = NativeBackend::new(&training(), &spec, &work, 1).unwrap();
+    let weights = vec![1e30; Layout::new(&spec).len()];
+    let rollout = Rollout { sample: 0, frame: 0, steps: 3, single: false };
+    let errors = backend.roll_out(&weights, &Normaliser::new(&spec), &[rollout]).unwrap().remove(0);
+    assert_eq!((errors.len(), errors[2][0]), (3, f64::INFINITY));
+    let growth = errors[2][1] / errors[0][1];
+    assert!((growth - 81.0).abs() < 1e-3, "{errors:?}");
 }
 
 /// The change that is wanted takes the noise away: it varies by more than the recorded one.
