@@ -4,7 +4,8 @@
  *
  * Only sized arrays of double, int32_t and int64_t cross this boundary. Vectors are always three doubles
  * (x, y, z), row after row, whatever the number of solved directions. Lengths in metres, times in seconds.
- * Pointers passed in are read during the call and never kept.
+ * Pointers passed in are read during the call, unless they are said to be kept. One thread at a time uses an object. A function of
+ * the host that is called back throws nothing and makes no call with the object that calls it.
  *
  * Status: 0 fine; > 0 the call failed and the object is as it was (bad input, file); < 0 the object must only
  * be freed. m4gn_last_error() then says what was expected, what was found, where, and what to do.
