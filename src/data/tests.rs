@@ -218,15 +218,17 @@ fn unfinished_recordings_leave_nothing_and_are_not_listed() {
 fn whole_frames_of_a_killed_recording_are_kept() {
     let (dir, path) = place();
     let partial = dir.path().join(".a.h5.partial");
-    // The file as it stands after each frame is what a killed process leaves
+    // The file as it stands after each frame is what a killed process leaves, and a whole one that has no name yet
     let mut writer = Writer::create(&path, &square(), &options()).unwrap();
     writer.append(0.0, &frames(0)).unwrap();
     writer.append(1.0, &frames(1)).unwrap();
     let left = std::fs::read(&partial).unwrap();
-    drop(writer);
+    writer.finish().unwrap();
+    let whole = std::fs::read(&path).unwrap();
+    std::fs::remove_file(&path).unwrap();
 
-    for name in ["a-killed.h5", "a-killed-2.h5"] {
-        std::fs::write(&partial, &left).unwrap();
+    for (name, left) in [("a-killed.h5", &left), ("a-killed-2.h5", &left), ("a-killed-3.h5", &whole)] {
+        std::fs::write(&partial, left).unwrap();
         record(&path, &square(), &options(), [(2.0, frames(2))]);
         std::fs::remove_file(&path).unwrap();
         let kept = Trajectory::open(dir.path().join(name)).unwrap();

@@ -391,7 +391,10 @@ fn complete(partial: &Path) -> hdf5::Result<()> {
         let shape = dataset.shape();
         dataset.resize((whole, shape[1], shape[2]))?;
     }
-    file.new_attr::<u32>().create("complete")?.write_scalar(&1u32)?;
+    // It has it where the process ended before the file had its final name.
+    if file.attr("complete").is_err() {
+        file.new_attr::<u32>().create("complete")?.write_scalar(&1u32)?;
+    }
     file.flush()
 }
 
