@@ -224,10 +224,16 @@ public:
         const std::vector<double>& sizes, const std::vector<double>& adjacency, int32_t nRanks,
         const std::vector<double>& rankWeights = {}, m4gn_rank_report* report = nullptr)
     {
-        std::vector<int32_t> rank(sizes.size());
+        const std::size_t k = sizes.size(), n = rankWeights.size();
+        if (adjacency.size() != k * k || (n && n != static_cast<std::size_t>(nRanks))) {
+            throw Error(
+                M4GN_ERROR_INPUT,
+                "ranks: expected adjacency of K*K numbers, and a weight of each rank or none");
+        }
+        std::vector<int32_t> rank(k);
         check(m4gn_segment_ranks(
-            static_cast<int32_t>(sizes.size()), sizes.data(), adjacency.data(), nRanks,
-            rankWeights.empty() ? nullptr : rankWeights.data(), rank.data(), report));
+            static_cast<int32_t>(k), sizes.data(), adjacency.data(), nRanks, n ? rankWeights.data() : nullptr,
+            rank.data(), report));
         return rank;
     }
 
@@ -356,9 +362,9 @@ struct Host
 {
     State state;
     // Of the surrogate "network": a session, which must outlive the ride, or a surrogate of the host's own; and the mesh of either.
-    Session* session;
-    const m4gn_surrogate* own;
-    const m4gn_mesh_data* mesh;
+    Session* session = nullptr;
+    const m4gn_surrogate* own = nullptr;
+    const m4gn_mesh_data* mesh = nullptr;
     // Writes what the prescribed arrays will be a time `later` (s) from the present one; the other places are null. What it throws is an
     // error of the ride's call. May be empty: prescribed values do not change.
     std::function<void(double later, const std::vector<double*>& places)> ahead;
@@ -414,6 +420,10 @@ public:
     // The state a time `before` (s) the present one, where a time scheme has an old level.
     void oldLevel(double before, const std::vector<double*>& places) const
     {
+        const std::size_t n = host_->state.arrays().size();
+        if (places.size() != n) {
+            throw Error(M4GN_ERROR_INPUT, "oldLevel: expected places of " + std::to_string(n) + " arrays");
+        }
         check(m4gn_ride_old_level(ride_.get(), before, places.data()));
     }
 

@@ -138,6 +138,14 @@ void toRanks(int32_t comm, const Channel& part)
     std::string message;
     REQUIRE(failure(message, [&] { m4gn::Segments::ranks(sizes, adjacency, 13); }) == M4GN_ERROR_INPUT);
     REQUIRE(contains(message, "raise segments"));
+    REQUIRE(
+        failure(
+            message,
+            [&] {
+                m4gn::Segments::ranks(sizes, adjacency, 3, {1.0, 1.0});
+            })
+        == M4GN_ERROR_INPUT);
+    REQUIRE(contains(message, "a weight of each rank"));
 }
 
 void wrongSegments(int rank, int size, int32_t comm, const Channel& part)
