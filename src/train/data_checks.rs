@@ -43,7 +43,9 @@ pub(super) fn notes(work: &Workload, spec: &ModelSpec, t: &TrainingConfig) -> Re
     let courses = courses(work, spec)?;
     let mut notes = Vec::new();
     for (field, course) in spec.fields.iter().zip(&courses) {
-        let (name, unit) = (&field.name, field.unit());
+        // Noise is on the scale that networks see.
+        let unit = if field.floor.is_some() { "of its logarithm".into() } else { field.unit() };
+        let name = &field.name;
         let (deviation, change) = (course.deviation(), course.change());
         if field.output != Output::None && change <= STILL * course.rms(course.squares) {
             notes.push(format!(
