@@ -81,7 +81,20 @@ fn data_sets_go_in_and_out() {
             "--split, --dt, --poisson: these are for files of others",
         ),
         ("convert m.safetensors --as pytorch --out w.safetensors --dt 1", "which m.safetensors does not"),
+        (
+            "convert m.safetensors --as pytorch --out w.safetensors --count 1",
+            "--count: it is for trajectories",
+        ),
+        (
+            "convert m.safetensors --as pytorch --out w.safetensors --like m.safetensors",
+            "--like: it is for weights",
+        ),
+        (
+            "convert m.safetensors --as pytorch --out w.safetensors --node-types wall",
+            "--node-types: it is for",
+        ),
         ("convert test.tfrecord --as npz --out b", "--as: test.tfrecord becomes trajectories"),
+        ("convert set --as npz --out b --count 0", "--count 0: expected at least 1"),
     ] {
         let message = refused(at, arguments);
         assert!(message.contains(expected), "{message}");

@@ -1,6 +1,6 @@
 //! `m4gn convert`: data sets and weights of others, and for others.
 
-use m4gn_base::{Error, Result, lock};
+use m4gn_base::{Error, Result, lock, refuse};
 use m4gn_data::{Split, Trajectory, is_trajectory, list};
 use m4gn_exchange::{export, import, weights};
 use m4gn_mesh::NodeType;
@@ -69,6 +69,7 @@ enum Kind {
 /// # Errors
 /// When a file cannot be read, makes no trajectory, or cannot be written.
 pub fn run(args: Args) -> Result<()> {
+    refuse(args.count == Some(0), Error::Input, || "--count 0: expected at least 1")?;
     let input = args.input.as_path();
     let ending = input.extension().and_then(|e| e.to_str());
     if matches!(ending, Some("safetensors" | "pt" | "pth")) {
@@ -106,8 +107,15 @@ fn not_imported(args: &Args) -> Result<()> {
 /// Weights of others to a model, or a model to weights for others.
 fn weights(args: &Args) -> Result<()> {
     not_imported(args)?;
-    let _claimed = super::claim_outputs([Some(&*args.out)], [Some(&*args.input), args.like.as_deref()])?;
     let types = args.node_types.as_deref();
+    for (given, option, what) in [
+        (args.count.is_some(), "--count", "trajectories"),
+        (args.kind.is_some() && args.like.is_some(), "--like", "weights that become a model"),
+        (args.kind == Some(Kind::Pytorch) && types.is_some(), "--node-types", "PhysicsNeMo's names"),
+    ] {
+        refuse(given, Error::Input, || format!("{option}: it is for {what}: leave it out"))?;
+    }
+    let _claimed = super::claim_outputs([Some(&*args.out)], [Some(&*args.input), args.like.as_deref()])?;
     let naming = match args.kind {
         None => {
             let Some(like) = &args.like else {
