@@ -78,8 +78,12 @@ impl<'a> Scene<'a> {
         let track = |spec: &FieldSpec| {
             let frames = trajectory.read_frames(&spec.name, 0, pace.frames, pace.steps + 1)?;
             let mut boundary = Boundary::new(mesh, std::slice::from_ref(spec), mesh.dim());
+            // On the scale that networks see, as a training looks at it.
+            let seen = |values: &[f32]| -> Vec<f32> {
+                values.iter().map(|&v| spec.seen(f64::from(v)) as f32).collect()
+            };
             for frame in &frames {
-                boundary.see_field(0, &frame.cells, &frame.boundary);
+                boundary.see_field(0, &seen(&frame.cells), &seen(&frame.boundary));
             }
             boundary.settle();
             let wide = |values: &[f32]| widen(values, spec.vector, &mesh.directions);

@@ -3,6 +3,7 @@
 
 use super::prediction::Prediction;
 use super::*;
+use m4gn_data::{FieldMeta, Frame, WriteOptions, Writer};
 use m4gn_domain::body::quality::Quality;
 use m4gn_mesh::NodeType;
 use m4gn_train::errors::SquaredError;
@@ -477,6 +478,43 @@ fn fields_that_are_read_and_not_predicted_are_those_of_the_record() {
     let case = run(&model, &t, &options, (None, Keep::Shown), &mut || Ok(())).unwrap();
     assert_eq!(case.fields.len(), 1);
     assert!(figures(&case, 0)[0].is_finite());
+}
+
+/// Beside 1 half of 2e-6 is little, and on the scale that networks see it is not: the walls' values stay prescribed, as in a training.
+#[test]
+fn small_boundary_values_of_positive_fields_stay_prescribed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.h5");
+    let (mesh, dimensions) = (m4gn_samples::mesh::rectangle(3, 1, 3.0, 1.0), [0, 2, -2, 0, 0, 0, 0]);
+    let options = WriteOptions {
+        fields: vec![FieldMeta { name: "k".into(), vector: false, dimensions }],
+        provenance: serde_json::json!({}),
+        split: Split::Test,
+        overwrite: false,
+    };
+    let boundary = mesh.boundary.iter().map(|face| if face.owner == 0 { 1.0 } else { 1e-6 }).collect();
+    let frame = [Frame { cells: vec![1.0, 2e-6, 2e-6], boundary }];
+    let mut writer = Writer::create(&path, &mesh, &options).unwrap();
+    [0.0, 0.1].iter().for_each(|time| writer.append(*time, &frame).unwrap());
+    writer.finish().unwrap();
+    let t = Trajectory::open(&path).unwrap();
+    let k = FieldSpec {
+        name: "k".into(),
+        vector: false,
+        dimensions,
+        input: true,
+        output: m4gn_model::Output::Delta,
+        floor: Some(1e-9),
+    };
+    let scene = Scene::read(&t, &[k], Pace::new(t.times(), 0.1).unwrap()).unwrap();
+    let mut step = |_: &[Field], _: &mut [FieldMut], _: Given| Ok(());
+    let mut found = Vec::new();
+    let mut visit = |_: usize, state: &[(Vec<f64>, Vec<f64>)]| {
+        found = state[0].1.clone();
+        Ok(())
+    };
+    scene.roll((0, 1), &mut step, &mut (0.0, 0), &mut visit).unwrap();
+    assert_eq!(found, scene.state(1)[0].1);
 }
 
 #[test]
