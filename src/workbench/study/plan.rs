@@ -215,8 +215,8 @@ impl Plan {
         Some(said.unwrap_or(unsaid).to_string())
     }
 
-    /// The configuration of a network on a data set: the data set's file, what it sets, and what the network sets. The budget is the study's, and
-    /// the learning rate reaches its end with it.
+    /// The configuration of a network on a data set: the data set's file, what it sets, and what the network sets. The budget is the study's; one of
+    /// steps is where the learning rate reaches its end.
     ///
     /// # Errors
     /// As [`delta::table`].
