@@ -17,15 +17,21 @@ pub struct Column {
 
 impl Column {
     /// The rows from `start` on, as a series: each stands for the time since the one before, the first for as long as the second. So does the first of a
-    /// later start, where that is less: what is missing before it counts for nothing.
+    /// later start, and one that is its only row for as long as the row before, where that is less: what is missing before it counts for nothing.
     pub fn series(&self, start: f64) -> Series {
         let (mut series, times) = (Series::default(), &self.times);
         let first = times.partition_point(|t| *t < start);
+        let begins = |i: usize| self.begins.binary_search(&i).is_ok();
+        let mut before = f64::INFINITY;
         for (i, (&time, &value)) in times.iter().zip(&self.values).enumerate().skip(first) {
             let since = if i > first { time - times[i - 1] } else { f64::INFINITY };
-            let begins = i == first || self.begins.contains(&i);
-            let own = times.get(i + 1).filter(|_| begins).map_or(f64::INFINITY, |next| next - time);
+            let own = match times.get(i + 1) {
+                _ if i > first && !begins(i) => f64::INFINITY,
+                Some(next) if i == first || !begins(i + 1) => next - time,
+                _ => before,
+            };
             let weight = Some(since.min(own)).filter(|weight| weight.is_finite()).unwrap_or(1.0);
+            before = weight;
             series.push(Row { time, value, weight, surrogate: false });
         }
         series
@@ -229,16 +235,21 @@ mod tests {
     #[test]
     fn what_lies_between_two_starts_and_is_in_no_table_counts_for_nothing() {
         let folder = tempfile::tempdir().unwrap();
-        for (file, text) in
-            [("0/a", "-1 5\n0 5\n1 5\n"), ("1/a", "2 5\n"), ("8/a", "8.5 1\n9 1\n"), ("9/a", "9.5 1\n")]
-        {
+        for (file, text) in [
+            ("0/a", "-1 5\n0 5\n1 5\n"),
+            ("1/a", "2 5\n"),
+            ("8/a", "8.5 1\n9 1\n"),
+            ("9/a", "9.5 1\n"),
+            ("14/a", "15 1\n"),
+            ("20/a", "20 1\n"),
+        ] {
             let path = folder.path().join(file);
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
             std::fs::write(path, text).unwrap();
         }
         let series = read(&folder.path().join("a"), "1").unwrap().series(f64::NEG_INFINITY);
         let weights: Vec<f64> = series.rows().iter().map(|row| row.weight).collect();
-        assert_eq!(weights, [1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5]);
+        assert_eq!(weights, [1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.5, 0.5]);
     }
 
     #[test]
