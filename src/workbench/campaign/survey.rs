@@ -13,7 +13,7 @@ const LONGEST: u64 = 1 << 20;
 /// Most lines that are shown.
 const SHOWN: usize = 12;
 
-/// The commands that come before the solver: `Allrun.pre`, and the lines of `Allrun` in the form of OpenFOAM's tutorials and those that copy files;
+/// The commands that come before the solver: `Allrun.pre`, and the lines of `Allrun` in the form of OpenFOAM's tutorials and those that copy or move files;
 /// without either, `blockMesh` where the case has its dictionary and no mesh, or one that depends on a parameter.
 pub fn commands(source: &Source, parameters: &[Parameter]) -> Commands {
     let at = |name: &str| source.folder.join(name);
