@@ -263,7 +263,7 @@ impl OnlineDmd {
         if !settle.looks(self.stretch(), present) {
             return (Look::default(), None);
         }
-        settle.looked = present;
+        settle.looked = Some(present);
         self.complete();
         let passed = settle.passes();
         let seen = (self.stretch() - passed).clamp(Settle::STATES, Settle::MOST);

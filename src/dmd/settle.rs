@@ -140,7 +140,7 @@ pub struct Settle {
     over: bool,
     /// Number of the snapshot of the last look.
     #[serde(default)]
-    pub(crate) looked: i64,
+    pub(crate) looked: Option<i64>,
 }
 
 impl Settle {
@@ -160,10 +160,9 @@ impl Settle {
 
     /// Whether there is to be a look behind so many snapshots without a gap, the last one of this number.
     pub fn looks(&self, stretch: usize, present: i64) -> bool {
-        let least = Self::STATES + self.passes();
-        // Where snapshots make room for later ones, a stretch does not grow
-        let is_late = present > self.looked + EVERY as i64;
-        !self.over && stretch >= least && ((stretch - least).is_multiple_of(EVERY) || is_late)
+        // By numbers: where snapshots make room for later ones, a stretch does not grow
+        let is_due = self.looked.is_none_or(|looked| present >= looked + EVERY as i64);
+        !self.over && stretch >= Self::STATES + self.passes() && is_due
     }
 
     /// Whether a jump in time would only come in between: a change is to be judged, or the wave grows or falls.
