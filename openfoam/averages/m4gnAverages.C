@@ -191,10 +191,10 @@ bool Foam::functionObjects::m4gnAverages::value(const quantity& from, scalar& fo
     if (silent_.insert(from.name)) {
         Info << "m4gn: " << name() << " waits for " << from.functionObject
              << (!inRun          ? ", which this run has no longer"
-                 : others.size() ? ", which has published other results alone, before this run"
+                 : others.size() ? ", which has published other results alone so far: "
                                  : ", which has published no result yet; have it in front, and one that"
                                    " publishes results, as probes do not")
-             << nl << endl;
+             << m4gn::join(others) << nl << endl;
     }
     return false;
 }
