@@ -253,15 +253,15 @@ impl Ride<'_> {
         self.handed_back = step.index - if ended || !at.holds { 0 } else { found.since };
         self.decisions.carry_on(found.decisions);
         self.log.text += &format!("m4gn: {name} goes on from its state at time {}", step.name);
+        if found.ranks != self.comm.size() {
+            self.log.text += &format!(", written by {} ranks", found.ranks);
+        }
         if !at.holds {
             self.log.text += &format!(
                 " under other conditions: {changed}. What was fitted and measured before is dropped"
             );
         } else if found.left > 0 && !ended {
             self.log.text += &format!(", in a jump of which {} steps are left", found.left);
-        }
-        if found.ranks != self.comm.size() {
-            self.log.text += &format!(", written by {} ranks", found.ranks);
         }
         self.log.text += "\n\n";
         let solves = ended || !at.holds;
