@@ -32,9 +32,10 @@ read_options() {
 
 # needs PROGRAM...
 needs() {
-    local program
+    local program remedy="Type ./Allrun --setup-only in $M4GN_HOME"
+    [ -e "$M4GN_HOME/Allrun" ] || remedy="Install the packages that m4gn recommends, gmsh among them"
     for program in "$@" decomposePar mpirun m4gn; do
-        command -v "$program" > /dev/null || die "$program is not in PATH" "Type ./Allrun --setup-only in $M4GN_HOME"
+        command -v "$program" > /dev/null || die "$program is not in PATH" "$remedy"
     done
 }
 
