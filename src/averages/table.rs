@@ -232,21 +232,27 @@ pub fn names(header: &str, count: usize) -> Vec<String> {
 mod tests {
     use super::*;
 
+    /// A folder with these files.
+    fn folder_of(files: &[(&str, &str)]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        for (file, text) in files {
+            let path = folder.path().join(file);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        }
+        folder
+    }
+
     #[test]
     fn what_lies_between_two_starts_and_is_in_no_table_counts_for_nothing() {
-        let folder = tempfile::tempdir().unwrap();
-        for (file, text) in [
+        let folder = folder_of(&[
             ("0/a", "-1 5\n0 5\n1 5\n"),
             ("1/a", "2 5\n"),
             ("8/a", "8.5 1\n9 1\n"),
             ("9/a", "9.5 1\n"),
             ("14/a", "15 1\n"),
             ("20/a", "20 1\n"),
-        ] {
-            let path = folder.path().join(file);
-            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-            std::fs::write(path, text).unwrap();
-        }
+        ]);
         let series = read(&folder.path().join("a"), "1").unwrap().series(f64::NEG_INFINITY);
         let weights: Vec<f64> = series.rows().iter().map(|row| row.weight).collect();
         assert_eq!(weights, [1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.5, 0.5]);
@@ -269,8 +275,7 @@ mod tests {
 
     #[test]
     fn the_tables_of_a_run_that_began_again_are_joined() {
-        let folder = tempfile::tempdir().unwrap();
-        for (file, text) in [
+        let folder = folder_of(&[
             ("0/Cd.dat", "1 1\n2 1\n3 1\n"),
             ("0/Cd_0.dat", "2 2\n3 2\n4 2\n5 2\n"),
             ("4/Cd.dat", "5 3\n"),
@@ -278,11 +283,7 @@ mod tests {
             ("5/Cd.dat", "5.5 7\n"),
             ("5.5/Cd.dat", "# Time Cd\n"),
             ("5.5/none.dat", "# Time Cd\n"),
-        ] {
-            let path = folder.path().join(file);
-            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-            std::fs::write(path, text).unwrap();
-        }
+        ]);
         let all = read(&folder.path().join("Cd.dat"), "1").unwrap();
         assert_eq!(all.times, [1.0, 2.0, 3.0, 4.0, 5.0, 5.5]);
         assert_eq!(all.values, [1.0, 2.0, 2.0, 2.0, 3.0, 7.0]);
