@@ -19,7 +19,9 @@ pub fn refined(rows: &[Row], frequency: f64, step: f64) -> Option<f64> {
 
 /// Weighted least squares of a line and a sine.
 struct Fit {
+    /// Over the duration: in seconds the equations of a record of microseconds, or of months, look singular.
     times: Vec<f64>,
+    duration: f64,
     values: Vec<f64>,
     weights: Vec<f64>,
     /// Weighted sum of squares left by the line alone.
@@ -34,7 +36,8 @@ impl Fit {
         // The window reaches one row beyond the record, so that none has weight zero.
         let phase = |t: f64| std::f64::consts::TAU * (t - first + step) / (duration + 2.0 * step);
         let mut fit = Fit {
-            times: rows.iter().map(|r| r.time - centre).collect(),
+            times: rows.iter().map(|r| (r.time - centre) / duration).collect(),
+            duration,
             values: rows.iter().map(|r| r.value).collect(),
             weights: rows.iter().map(|r| r.weight * (0.5 - 0.5 * phase(r.time).cos())).collect(),
             around_line: 0.0,
@@ -45,15 +48,15 @@ impl Fit {
         (fit.around_line > 1e-24 * scale && fit.around_line.is_finite()).then_some(fit)
     }
 
-    fn basis(frequency: f64) -> impl Fn(f64) -> [f64; 4] {
+    fn basis(periods: f64) -> impl Fn(f64) -> [f64; 4] {
         move |t| {
-            let (sin, cos) = (std::f64::consts::TAU * frequency * t).sin_cos();
+            let (sin, cos) = (std::f64::consts::TAU * periods * t).sin_cos();
             [1.0, t, cos, sin]
         }
     }
 
     fn explained(&self, frequency: f64) -> f64 {
-        let basis = Self::basis(frequency);
+        let basis = Self::basis(frequency * self.duration);
         let Some(c) = self.solve(&basis) else { return 0.0 };
         let left = self.residual(|t| basis(t).iter().zip(&c).map(|(b, c)| b * c).sum());
         1.0 - left / self.around_line

@@ -128,6 +128,12 @@ mod tests {
             record(5.0, 1.0 / (5.0 * 3.7), |t| 0.8 * (std::f64::consts::TAU * 3.7 * t + 0.4).sin());
         let found = frequency(&times, &values).unwrap();
         assert!((found - 3.7).abs() < 1e-6, "{found:?}");
+        // The same in records of 5 ns and of 160 years
+        for unit in [1e-9, 1e9] {
+            let times: Vec<f64> = times.iter().map(|t| unit * t).collect();
+            let found = frequency(&times, &values).unwrap();
+            assert!((unit * found - 3.7).abs() < 1e-6, "{unit}: {found:?}");
+        }
     }
 
     #[test]
