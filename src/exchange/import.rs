@@ -79,7 +79,8 @@ pub fn import(
     let mut count = 0;
     while options.count.is_none_or(|most| count < most) {
         let Some(arrays) = source.next_arrays()? else { break };
-        if single && count > 0 {
+        // Before the first is written
+        if single && options.count != Some(1) && source.next_arrays()?.is_some() {
             return Err(Error::file(
                 path,
                 format!(

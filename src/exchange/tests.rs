@@ -111,6 +111,11 @@ fn archives_and_copies_give_the_same() {
     assert_eq!(t.split(), Split::Valid);
     let message = imported(&path, &dt).unwrap_err().to_string();
     assert!(message.contains("more than one trajectory"), "{message}");
+    assert!(
+        !path.with_file_name("out.h5").exists(),
+        "it is not written, so that the same name can be given with --count 1"
+    );
+    check(&imported(&path, &Options { count: Some(1), ..dt }).unwrap());
 }
 
 /// Velocities of the last frame, in three components.
