@@ -148,6 +148,21 @@ fn times_may_be_negative() {
     fs::write(&table, rows.collect::<String>()).unwrap();
     let run = m4gn().arg("averages").arg(&table).args(["--column", "1", "--start", "-0.5"]).output().unwrap();
     fails(&run, "found 10 rows from time -0.5 on");
+    let run = m4gn().arg("averages").arg(&table).args(["--column", "1", "--start", "nan"]).output().unwrap();
+    fails(&run, "--start NaN: expected a time");
+}
+
+#[test]
+fn figures_replace_no_table_that_they_are_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = folder.path().join("0/a.dat");
+    fs::create_dir(folder.path().join("0")).unwrap();
+    let rows = (0..60).map(|i| format!("{i} {}\n", i % 3)).collect::<String>();
+    fs::write(&table, &rows).unwrap();
+    let mut command = m4gn();
+    command.arg("averages").arg(folder.path().join("a.dat")).args(["--column", "1", "--json"]).arg(&table);
+    fails(&command.output().unwrap(), "it would replace what is read");
+    assert_eq!(fs::read_to_string(&table).unwrap(), rows);
 }
 
 #[test]

@@ -69,7 +69,10 @@ pub fn read(path: &Path, name: &str) -> Result<Column> {
 }
 
 /// The file, or those of its name in folders that are named by times.
-fn files_of(path: &Path) -> Result<Vec<PathBuf>> {
+///
+/// # Errors
+/// [`Error::File`] where there is none.
+pub fn files_of(path: &Path) -> Result<Vec<PathBuf>> {
     let (Some(name), false) = (path.file_name(), path.exists()) else {
         return Ok(vec![path.to_path_buf()]);
     };
@@ -131,6 +134,8 @@ fn some(column: Column) -> std::result::Result<Column, String> {
 
 /// As [`column`], of a text that may be without rows.
 fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
+    // Which programs of Windows put in front
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let whole = text.rfind('\n').map_or("", |end| &text[..end]);
     let mut header = "";
     let mut place: Option<(usize, usize)> = None;
@@ -145,6 +150,8 @@ fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
         }
         let mut words = words(line);
         let Some(time) = words.next() else { continue };
+        let hint = if place.is_none() { "; names of columns stand in a line that begins with #" } else { "" };
+        let time = number(time, i).map_err(|e| e + hint)?;
         let words: Vec<(usize, &str)> = words.collect();
         let (at, count) = match place {
             Some(place) => place,
@@ -162,7 +169,6 @@ fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
                 words.len() + 1
             ));
         }
-        let time = number(time, i)?;
         if found.times.last().is_some_and(|last| time <= *last) {
             return Err(format!(
                 "line {}: expected a time later than that of the row before ({}), found {time}; a table has one row for each time",
@@ -307,6 +313,11 @@ mod tests {
         );
         assert!(fails("1 2\n1 3\n", "1").starts_with("line 2: expected a time later than"));
         assert_eq!(fails("# t a\n", "a"), "expected rows of numbers, found none");
+        assert_eq!(
+            fails("t,a\n1,2\n", "a"),
+            "line 1, column 1: expected a number, found 't'; names of columns stand in a line that begins with #"
+        );
+        assert_eq!(column("\u{feff}# t a\r\n1 2\r\n", "a").unwrap().values, [2.0], "as Windows writes it");
         assert_eq!(column("# t a word\n1 2 U\n", "a").unwrap().values, [2.0], "other columns may be words");
     }
 }

@@ -48,7 +48,9 @@ pub fn run(args: Args) -> Result<()> {
             return Err(Error::Input(format!("{option} {v}: expected a positive number")));
         }
     }
-    let _claimed = crate::claim_outputs([args.json.as_deref()], [Some(&*args.table)])?;
+    refuse(args.start.is_nan(), Error::Input, || "--start NaN: expected a time, s")?;
+    let tables = table::files_of(&args.table)?;
+    let _claimed = crate::claim_outputs([args.json.as_deref()], tables.iter().map(|t| Some(t.as_path())))?;
     let series = table::read(&args.table, &args.column)?.series(args.start);
     let found = estimate(&series, args.confidence).ok_or_else(|| {
         Error::file(
