@@ -42,13 +42,14 @@ impl Table {
         let words = |line: &str| -> Vec<String> {
             line.replace(['(', ')'], " ").split_whitespace().map(String::from).collect()
         };
+        // The last line of a run that was killed may be cut
+        let text = text.rfind('\n').map_or("", |end| &text[..end]);
         let mut heads = text.lines().filter_map(|line| line.strip_prefix('#'));
         let head = heads.rfind(|head| head.split_whitespace().next() == Some("Time")).unwrap_or_default();
         let rows = text.lines().filter(|line| !line.starts_with('#'));
         let rows =
             rows.filter_map(|line| words(line).iter().map(|w| w.parse().ok()).collect::<Option<Vec<f64>>>());
         let mut rows: Vec<Vec<f64>> = rows.filter(|row| row.len() > 1 && row[0].is_finite()).collect();
-        // The last line of a run that was killed may be cut
         let width = rows.first().map_or(0, Vec::len);
         rows.retain(|row| row.len() == width);
         let columns = std::iter::once("Time".into()).chain(names(head, width.saturating_sub(1))).collect();
@@ -171,7 +172,7 @@ mod tests {
         let head = "# Force coefficients\n# Time \tCd\tCs\tCl\n";
         let dir = fixtures::folder(&[
             ("postProcessing/drag/0/coefficient.dat", &format!("{head}1\t2\t0\t3\n2\t4\t0\t5\n3\t9\t0\t9\n")),
-            ("postProcessing/drag/2/coefficient.dat", &format!("{head}2.5\t6\t0\t7\n3\t8\t0")),
+            ("postProcessing/drag/2/coefficient.dat", &format!("{head}2.5\t6\t0\t7\n3\t8\t0\t1.2e-0")),
         ]);
         let [drag, lift] =
             Table::read(dir.path(), "drag", "coefficient.dat").unwrap().coefficients().unwrap();
