@@ -68,6 +68,14 @@ pub(super) fn measure(tensors: &StateDict, spec: &mut ModelSpec) -> Result<()> {
     let last = last.ok_or_else(|| wrong("the weights have no linear layers node_decoder.model.0, 2, ..."))?;
     let block = numbers("processor.processor_layers.", ".weight");
     let block = block.ok_or_else(|| wrong("the weights have no processor.processor_layers"))?;
+    // Names are made of as many layers as a number in a name says
+    let layer = last.max(block);
+    refuse(layer >= tensors.len(), Error::Model, || {
+        format!(
+            "the weights have a layer {layer} and {} tensors in all: expected each layer up to it",
+            tensors.len()
+        )
+    })?;
     let width = tensors.get("node_encoder.model.0.weight").and_then(|t| t.shape.first().copied());
     let a = &mut spec.architecture;
     a.width = width.ok_or_else(|| wrong("the weights have no node_encoder.model.0.weight"))?;

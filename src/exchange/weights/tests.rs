@@ -125,7 +125,7 @@ fn weights_that_do_not_fit_are_named() {
     let own = mesh_graph_net();
     let good = state_dict(&own, Naming::PhysicsNemo, None).unwrap();
     type Change = fn(&mut StateDict);
-    let changes: [(&str, Change); 4] = [
+    let changes: [(&str, Change); 6] = [
         ("'edge_encoder.model.2.bias' is missing", |t| drop(t.remove("edge_encoder.model.2.bias"))),
         ("'extra' is not part", |t| drop(t.insert("extra".into(), Tensor { shape: vec![0], data: vec![] }))),
         ("'encoder.edge.0.weight': expected [8, 3]", |t| {
@@ -133,6 +133,14 @@ fn weights_that_do_not_fit_are_named() {
         }),
         ("do_concat_trick", |t| {
             drop(t.insert("a.edge_mlp.lin_src".into(), Tensor { shape: vec![0], data: vec![] }))
+        }),
+        ("a layer 99999999999 and ", |t| {
+            let name = "processor.processor_layers.99999999999.edge_mlp.model.0.weight";
+            drop(t.insert(name.into(), Tensor { shape: vec![0], data: vec![] }))
+        }),
+        ("a layer 99999999998 and ", |t| {
+            let name = "node_decoder.model.99999999998.weight";
+            drop(t.insert(name.into(), Tensor { shape: vec![0], data: vec![] }))
         }),
     ];
     for (expected, change) in changes {
