@@ -237,6 +237,9 @@ failed 'expected a number of DAKOTA_VARS'
 refused 'numberOfSubdomains is 2: expected the 3 of --ranks' m4gn campaign init cavity --out ranks --parameter Ulid=1,1.2 --parameter n=20 --ranks 3
 runs m4gn campaign init cavity --out ranks --parameter Ulid=1,1.2 --parameter n=20 --ranks 2
 quantity ranks 'scale = "Ulid"'
+# shellcheck disable=SC2016  # of the inner shell
+unbound='prepare = [["sh", "-c", "[ $OMPI_MCA_hwloc_base_binding_policy = none ]"], '
+sed -i "s/^prepare = \\[/$unbound/" ranks/campaign.toml
 runs m4gn campaign one r01 --store ranks
 runs env FOAM_FILEHANDLER=collated m4gn campaign run --store ranks
 runs m4gn campaign report --store ranks

@@ -37,13 +37,18 @@ pub fn environment(programs: &[&str]) -> Result<Vec<(String, OsString)>> {
     Ok(variables)
 }
 
-/// Conditions of programs of a case that is any user's: a solver of more ranks than there are cores is slow, and not refused.
+/// Conditions of programs of a case that is any user's: a solver of more ranks than there are cores is slow, and not refused. Ranks are not bound to
+/// cores unless the user's environment says so: several cases run at once, and Open MPI would bind the ranks of each to the same first ones.
 ///
 /// # Errors
 /// As [`environment`] of `foamDictionary`.
 pub fn surroundings(stop: &'static AtomicU8, timeout: Duration) -> Result<Surroundings> {
     let mut environment = environment(&["foamDictionary"])?;
     environment.push(("OMPI_MCA_rmaps_base_oversubscribe".into(), "1".into()));
+    // Of its versions to 4, and from 5 on
+    let binding = ["OMPI_MCA_hwloc_base_binding_policy", "PRTE_MCA_hwloc_default_binding_policy"];
+    let unset = binding.into_iter().filter(|name| std::env::var_os(name).is_none());
+    environment.extend(unset.map(|name| (name.to_string(), "none".into())));
     Ok(Surroundings { stop, timeout, asks: false, environment })
 }
 
