@@ -77,15 +77,34 @@ pub fn check_uses(source: &Source, parameters: &[Parameter]) -> Result<Vec<Strin
     let used = |name: &str| parameters.iter().any(|p| uses(text(name), &p.name));
     let replaces = ["restore0Dir", ORIGINAL].iter().any(|word| text("Allrun.pre").contains(word));
     let commands = commands(source, parameters).prepare;
-    // The folder itself would go into the one that is there
-    let copies = commands.iter().flatten().any(|word| word.starts_with(&format!("{ORIGINAL}/")));
+    let copied = |field: &str| {
+        commands.iter().any(|command| {
+            // The folder itself would go into the one that is there
+            let onto = command.iter().any(|word| {
+                word == "--no-target-directory"
+                    || word.starts_with('-') && !word.starts_with("--") && word.contains('T')
+            });
+            let from = |word: &String| match word.strip_prefix("./").unwrap_or(word).strip_prefix(ORIGINAL) {
+                Some("" | "/") => onto,
+                Some("/." | "/./") => true,
+                Some(path) => path.strip_prefix('/').is_some_and(|path| Path::new(field).starts_with(path)),
+                None => false,
+            };
+            command.split_last().is_some_and(|(_, sources)| sources.iter().any(from))
+        })
+    };
     for field in names.iter().filter_map(|name| name.strip_prefix("0/")) {
         let (first, original) = (format!("0/{field}"), format!("{ORIGINAL}/{field}"));
-        let fault = match (used(&first), used(&original)) {
-            (true, false) if replaces => format!(
-                "{first} uses a parameter, and Allrun.pre puts {ORIGINAL} in its place, which does not: expected it there as well"
+        let script = match (replaces, copied(field) && names.contains(&original)) {
+            (true, _) => Some("Allrun.pre"),
+            (false, true) => Some("Allrun"),
+            (false, false) => None,
+        };
+        let fault = match (used(&first), used(&original), script) {
+            (true, false, Some(script)) => format!(
+                "{first} uses a parameter, and {script} puts {ORIGINAL} in its place, which does not: expected it there as well"
             ),
-            (false, true) if !replaces && !copies => format!(
+            (false, true, None) => format!(
                 "{original} uses a parameter, and {first}, which runs begin with, does not: remove the folder 0 where it is a copy of \
                  {ORIGINAL}, or write the parameter into {first} as well"
             ),
@@ -243,8 +262,20 @@ mod tests {
         let (_dir, stale) = source(&[("0/U", "1"), ("0.orig/U", "$Uin"), ("Allrun", "cp -r 0.orig 0\n")]);
         let message = check_uses(&stale, &["Uin=1:2".parse().unwrap()]).unwrap_err().to_string();
         assert!(message.contains("0.orig/U uses a parameter, and 0/U, which runs begin with"), "{message}");
-        let (_dir, copied) = source(&[("0/U", "1"), ("0.orig/U", "$Uin"), ("Allrun", "cp 0.orig/U 0/U\n")]);
-        check_uses(&copied, &["Uin=1:2".parse().unwrap()]).unwrap();
+        for (script, copied) in [
+            ("cp 0.orig/U 0/U", true),
+            ("cp -rT 0.orig 0", true),
+            ("cp -r ./0.orig/. 0", true),
+            ("cp -a 0.orig 0", false),
+            ("cp -r 0.orig/ 0", false),
+            ("cp 0.orig/p 0/p", false),
+        ] {
+            let script = ("Allrun", script);
+            let (_dir, case) = source(&[("0/U", "1"), ("0.orig/U", "$Uin"), script]);
+            assert_eq!(check_uses(&case, &["Uin=1:2".parse().unwrap()]).is_ok(), copied, "{script:?}");
+            let (_dir, case) = source(&[("0/U", "$Uin"), ("0.orig/U", "1"), script]);
+            assert_eq!(check_uses(&case, &["Uin=1:2".parse().unwrap()]).is_err(), copied, "{script:?}");
+        }
         assert_eq!(of("size=1:2").unwrap(), ["system/geometry"], "used, and not included");
         assert!(of("siz=1:2").is_err());
     }
