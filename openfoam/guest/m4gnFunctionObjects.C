@@ -16,8 +16,8 @@ const char* const intervalName = "othersInterval";
 //- Types of function objects that do more than look
 const wordHashSet acting(
     {"age", "electricPotential", "energyTransport", "externalCoupled", "hydrostaticPressure",
-     "icoUncoupledKinematicCloud", "limitFields", "m4gnAnderson", "phaseScalarTransport", "scalarTransport",
-     "setFlow", "setTimeStep"});
+     "icoUncoupledKinematicCloud", "limitFields", "m4gnAnderson", "phaseScalarTransport", "runTimeControl",
+     "scalarTransport", "setFlow", "setTimeStep"});
 
 //- Is the entry a list?
 bool isList(const dictionary& dict)

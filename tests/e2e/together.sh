@@ -54,3 +54,8 @@ done
 for time in 0.02 0.05 0.06; do
     ! grep -q 'not advanced' $time/s || fail "a note in $time/s, which the solver wrote"
 done
+
+# What ends the run does so after a step of the solver: 0.03, where it would, is in a jump
+with "$(first)" 'stop { type runTimeControl; libs (utilityFunctionObjects); conditions { time { type maxDuration; duration 0.025; } } }'
+expect_log "not executed at the surrogate's times, since they do more than look: stop "
+[ -d 0.042 ] && [ ! -d 0.05 ] || fail "it was to end behind the jump, at 0.042: $(ls -d 0.*)"
