@@ -123,7 +123,8 @@ void Foam::m4gn::checkLast(const functionObject& object, const Time& time, const
         if (type.empty() || m4gnFunctionObjects::typeOf(all[i], time) == type) {
             FatalErrorInFunction << "Function object " << all[i].name() << " comes after " << object.name()
                                  << " of type " << object.type() << ", and would look at " << what << nl
-                                 << "    Have " << object.name() << " as the last one in functions"
+                                 << "    Have " << object.name()
+                                 << (type.empty() ? " as the last one" : " behind it") << " in functions"
                                  << exit(FatalError);
         }
     }

@@ -54,6 +54,7 @@ clean_case
 surrogate "$replace"
 { echo "$anderson"; cat system/functions; } > ../behind && mv ../behind system/functions
 refused 'Function object test comes after anderson' solids4Foam
+expect_log 'Have anderson behind it in functions'
 # What it cannot solve is the solver's, and the log says why
 control endTime 0.003
 model vertexCentredLinearGeometry linearElastic 200 Euler
