@@ -31,6 +31,15 @@ int32_t Foam::m4gn::communicator()
         return M4GN_NO_MPI;
     }
 
+    int started = 0;
+    MPI_Comm_size(MPI_COMM_WORLD, &started);
+    if (started != UPstream::nProcs()) {
+        FatalErrorInFunction << "This run has " << UPstream::nProcs() << " of the " << started
+                             << " ranks that mpirun has started (-world, or several programs)" << nl
+                             << "    Expected all of them: m4gn does not go on in step with other worlds"
+                             << exit(FatalError);
+    }
+
     return int32_t(MPI_Comm_c2f(MPI_COMM_WORLD));
 }
 
