@@ -116,7 +116,8 @@ pub fn starts(folder: &Path) -> Vec<String> {
 ///
 /// Lines that begin with `#` are comments; the last one before the first row names the columns. Brackets of vectors do not count: the columns
 /// of a vector `force` are `force_x`, `force_y`, `force_z`. Columns without a name have their number, from 1 behind the time. Only the time and the
-/// column that is asked for have to be numbers. A last line that does not end is left out: it may not be whole.
+/// column that is asked for have to be numbers. A last line that does not end is left out: it may not be whole. So are rows of OpenFOAM's solverInfo
+/// without the columns of a field that was not solved for: they do not say of which.
 ///
 /// # Errors
 /// What was expected and found, with line and column.
@@ -140,11 +141,13 @@ fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
     let mut header = "";
     let mut place: Option<(usize, usize)> = None;
     let mut found = Column::default();
+    let (mut all, mut short) = (0, 0);
     for (i, line) in whole.lines().enumerate() {
         let line = line.trim_end();
         if let Some(comment) = line.trim_start().strip_prefix('#') {
             if place.is_none() {
                 header = comment;
+                all = if name.parse::<usize>().is_err() { columns_of_solves(header) } else { 0 };
             }
             continue;
         }
@@ -153,6 +156,10 @@ fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
         let hint = if place.is_none() { "; names of columns stand in a line that begins with #" } else { "" };
         let time = number(time, i).map_err(|e| e + hint)?;
         let words: Vec<(usize, &str)> = words.collect();
+        if words.len() < all {
+            short += 1;
+            continue;
+        }
         let (at, count) = match place {
             Some(place) => place,
             None => {
@@ -179,7 +186,19 @@ fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
         found.times.push(time);
         found.values.push(number(words[at], i)?);
     }
+    if found.times.is_empty() && short > 0 {
+        return Err(format!(
+            "expected a row with the {all} columns of the header, found {short} without those of a field that was not solved for; \
+             give solverInfo the fields alone that are, or name the column by its number from 1 behind the time"
+        ));
+    }
     Ok(found)
+}
+
+/// Columns behind the time of a row of OpenFOAM's solverInfo, where all fields of the header were solved for; 0: it is of another table.
+fn columns_of_solves(header: &str) -> usize {
+    let names: Vec<&str> = header.split_whitespace().skip(1).collect();
+    if names.iter().any(|name| name.ends_with("_solver")) { names.len() } else { 0 }
 }
 
 /// The words of a line with their columns in the text, from 1; brackets are spaces.
@@ -277,6 +296,22 @@ mod tests {
         let probes = "# Probe 0 (0 0 0)\n# Probe 1 (1 0 0)\n#  Probe  0  1\n#  Time\n 0.1 (1 2 3) (4 5 6)\n";
         assert_eq!(column(probes, "5").unwrap().values, [5.0]);
         assert_eq!(column("1 2\n3 4\n", "1").unwrap().values, [2.0, 4.0]);
+    }
+
+    #[test]
+    fn steps_that_do_not_solve_for_a_field_have_no_row() {
+        let rows = |rows: &str| {
+            let header =
+                "# Solver information\n# Time\tT_solver\tT_initial\tp_solver\tp_initial\tp_converged\n";
+            column(&format!("{header}{rows}"), "p_initial")
+        };
+        let read =
+            rows("1 PCG 0.1 true\n2 PBiCG 0.5 PCG 0.2 true\n3 PCG 0.3 true\n4 PBiCG 0.5 PCG 0.4 true\n")
+                .unwrap();
+        assert_eq!((read.times, read.values), (vec![2.0, 4.0], vec![0.2, 0.4]));
+        let none = rows("1 PCG 0.1 true\n2 PCG 0.2 true\n").unwrap_err();
+        assert!(none.contains("5 columns of the header, found 2 without"), "{none}");
+        assert_eq!(column("# Time p_solver p_initial U_solver\n1 PCG 0.1\n", "2").unwrap().values, [0.1]);
     }
 
     #[test]
