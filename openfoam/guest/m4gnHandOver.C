@@ -34,7 +34,11 @@ bool isForAWhile(const dictionary& dict, const Time& time)
 {
     const scalar begin = dict.getOrDefault<scalar>("timeStart", -1);
     const scalar end = begin + dict.getOrDefault<scalar>("duration", 0);
-    const scalar from = time.startTime().value(), to = time.endTime().value();
+    const scalar from = time.startTime().value();
+    // With another stopAt Time has no end
+    const scalar to = time.stopAt() == Time::stopAtControls::saEndTime
+                          ? time.endTime().value()
+                          : time.controlDict().getOrDefault<scalar>("endTime", VGREAT);
     // One that has ended before, or begins after, does not act in this run
     return begin >= 0 && begin < to && end > from && (begin > from || end < to);
 }

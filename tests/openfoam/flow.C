@@ -194,6 +194,9 @@ TEST(sourcesThatActForAPartOfARunAreNamed)
     EXPECT(unsupported("timeStart 0; duration 0.5;").find("the source ignition") == 0);
     EXPECT_TEXT(unsupported("timeStart 0; duration 0;"), "");
     EXPECT_TEXT(unsupported("timeStart 2; duration 1;"), "");
+    c.run.time().stopAt(Time::stopAtControls::saNextWrite);
+    EXPECT_TEXT(unsupported("timeStart 0; duration 1;"), "");
+    EXPECT(unsupported("timeStart 0; duration 0.5;").find("the source ignition") == 0);
 }
 
 // A zone that turns about z at 2 rad/s: of a velocity that turns with it no flux is left
