@@ -114,6 +114,7 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
         ));
     }
     settings.prepare.iter().try_for_each(|command| limit(tools.run(case, command)))?;
+    clear_ranks(case)?;
     let mut cost = Cost { prepare: clock.lap()?, ..Cost::default() };
 
     let mesh = if asked == Start::Cold { String::new() } else { start::mesh(case)? };
@@ -193,6 +194,25 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
 fn of_ranks(case: &Path) -> Result<Vec<PathBuf>> {
     let ranks = names(case)?.into_iter().filter(|name| name.starts_with("processor"));
     Ok(ranks.map(|name| case.join(name)).filter(|path| path.is_dir()).collect())
+}
+
+/// Removes the folders of ranks that a case's own script has left: the whole case is run, or decomposed anew. Refuses a mesh that is in them alone,
+/// as snappyHexMesh makes it on several ranks; OpenFOAM's programs then remove the places of its cells in that of the whole case.
+pub(super) fn clear_ranks(case: &Path) -> Result<()> {
+    for folder in of_ranks(case)? {
+        let mesh = folder.join("constant/polyMesh");
+        let has =
+            |name: &str| names(&mesh).is_ok_and(|all| all.iter().any(|n| n.trim_end_matches(".gz") == name));
+        if has("faces") && !has("cellProcAddressing") {
+            return Err(Error::file(
+                &mesh,
+                "is a mesh that prepare has made on several ranks, and no part of the whole case's, which runs are made with: expected the mesh of \
+                 the whole case; have its programs run in serial (runApplication snappyHexMesh), or reconstructParMesh -constant behind them in prepare",
+            ));
+        }
+        fs::remove_dir_all(&folder).map_err(|e| Error::file(&folder, format!("cannot be removed: {e}")))?;
+    }
+    Ok(())
 }
 
 /// Name and value of the last time of a run, which is in the folders of its ranks until it is reconstructed.
@@ -298,6 +318,26 @@ mod tests {
             fixtures::write(dir.path(), &[("p", &text[..cut])]);
             assert!(whole(dir.path()).unwrap_err().to_string().contains("p: is cut off: expected the line"));
         }
+    }
+
+    #[test]
+    fn a_mesh_that_ranks_alone_have_is_refused() {
+        let dir = fixtures::folder(&[
+            ("constant/polyMesh/faces", ""),
+            ("processor0/constant/polyMesh/faces", ""),
+            ("processor0/constant/polyMesh/cellProcAddressing.gz", ""),
+        ]);
+        clear_ranks(dir.path()).unwrap();
+        assert!(
+            !dir.path().join("processor0").exists() && dir.path().join("constant/polyMesh/faces").exists()
+        );
+        fixtures::write(dir.path(), &[("processor0/constant/polyMesh/faces.gz", "")]);
+        let message = clear_ranks(dir.path()).unwrap_err().to_string();
+        assert!(
+            message
+                .contains("processor0/constant/polyMesh: is a mesh that prepare has made on several ranks"),
+            "{message}"
+        );
     }
 
     #[test]
