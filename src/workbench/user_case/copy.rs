@@ -3,7 +3,7 @@
 use super::script::{ORIGINAL, of_script};
 use super::{
     BLOCK_MESH, LEFT_OUT, copy_all, entry, function_objects, has_mesh, header, log, mentions, names,
-    read_all, time,
+    read_all, time, times,
 };
 use crate::generate::openfoam::absolute;
 use crate::generate::process::{Surroundings, excerpt};
@@ -65,11 +65,7 @@ impl Copy {
             copy.take(|name, t, [first, _]| name == time || t == first)?
         } else {
             let start = copy.entry("startTime", tools)?.and_then(|t| t.parse().ok()).unwrap_or(0.0);
-            let processors =
-                (0..).take_while(|i| copy.original.join(format!("processor{i}")).is_dir()).count();
-            if processors > 0 && !has_mesh(&copy.original) {
-                copy.ranks = processors;
-            }
+            copy.ranks = ranks_of(&copy.original);
             copy.take(starts_or_ends(start))?
         };
         named.follow(taken)?;
@@ -265,6 +261,19 @@ impl Named {
     }
 }
 
+/// Ranks whose folders a case is run in; 0: its own. Where ranks have made the mesh, they alone have fields, and the own mesh is that which they began with.
+fn ranks_of(case: &Path) -> usize {
+    let rank = |i: usize| case.join(format!("processor{i}"));
+    let has_fields = |folder: &Path| {
+        let times = times(folder).unwrap_or_default();
+        times.iter().any(|(name, _)| names(&folder.join(name)).is_ok_and(|fields| !fields.is_empty()))
+    };
+    match has_mesh(case) && (has_fields(case) || !has_fields(&rank(0))) {
+        true => 0,
+        false => (0..).take_while(|i| rank(*i).is_dir()).count(),
+    }
+}
+
 /// The first and the last time, and one that a run starts from.
 fn starts_or_ends(start: f64) -> impl Fn(&str, f64, [f64; 2]) -> bool {
     move |_, t, ends| ends.contains(&t) || (t - start).abs() <= 1e-9 * start.abs()
@@ -331,6 +340,24 @@ mod tests {
         assert_eq!(fs::read_to_string(study.join("mesh/points")).unwrap(), "p");
         assert_eq!(fs::read_to_string(from.join("system/controlDict")).unwrap(), long);
         assert_eq!(fs::read_to_string(from.join("constant/polyMesh/faces")).unwrap(), long);
+    }
+
+    #[test]
+    fn ranks_that_alone_have_fields_are_taken() {
+        let (_dir, copy) = case(&[
+            ("constant/polyMesh/faces", ""),
+            ("0.orig/U", ""),
+            ("processor0/constant/polyMesh/faces", ""),
+        ]);
+        fs::create_dir(copy.original.join("0")).unwrap();
+        fs::create_dir(copy.original.join("processor1")).unwrap();
+        let ranks = |more: &str| {
+            fixtures::write(&copy.original, &[(more, "")]);
+            ranks_of(&copy.original)
+        };
+        assert_eq!([ranks("log.blockMesh"), ranks("processor0/0/U"), ranks("0/U")], [0, 2, 0]);
+        fs::remove_dir_all(copy.original.join("constant/polyMesh")).unwrap();
+        assert_eq!(ranks_of(&copy.original), 2);
     }
 
     #[test]
