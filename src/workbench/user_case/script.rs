@@ -99,7 +99,8 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
         }
         match program {
             "decomposePar" | "" => found.parallel |= program == "decomposePar",
-            "reconstructPar" => {}
+            // The whole case is prepared
+            "reconstructPar" | "reconstructParMesh" | "redistributePar" => {}
             // What it does is told by itself
             "./Allrun.pre" => {}
             _ => found.prepare.push(words.iter().map(|w| w.to_string()).collect()),
@@ -133,7 +134,8 @@ mod tests {
     #[test]
     fn a_tutorial_s_script_is_understood_up_to_its_solver() {
         let script = "#!/bin/sh\ncd ${0%/*} || exit 1\n. $WM_PROJECT_DIR/bin/tools/RunFunctions\n\nrestore0Dir\nrunApplication blockMesh\n\\cp a b\n\\mv b c\nrm a\n\
-                      runApplication -s 1 topoSet -dict system/a # cells\nrunApplication decomposePar\nrunParallel $(getApplication)\nrunApplication \
+                      runApplication -s 1 topoSet -dict system/a # cells\nrunApplication decomposePar\nrunApplication \
+                      reconstructParMesh -constant\nrunParallel redistributePar -decompose\nrunParallel $(getApplication)\nrunApplication \
                       reconstructPar\n";
         let found = of_script(script, "icoFoam", true);
         let expected: Vec<Vec<String>> = vec![
