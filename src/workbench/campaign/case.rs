@@ -204,8 +204,11 @@ impl Source {
             copy_all(&self.folder.join(&name), &copy.join(&name))?;
         }
         let first = copy.join(self.start.to_string());
-        // Commands that take them do so when the mesh has all patches that they name
-        let later = settings.prepare.iter().flatten().any(|word| word == ORIGINAL);
+        // Commands, and scripts, that take them do so when the mesh has all patches that they name
+        let of_script =
+            |name: &String| files::read_text(copy.join(name)).is_ok_and(|text| takes_original(&text));
+        let later =
+            settings.prepare.iter().any(|c| c.iter().any(|word| word == ORIGINAL) || of_script(&c[0]));
         if !later && !first.exists() && copy.join(ORIGINAL).is_dir() {
             copy_all(&copy.join(ORIGINAL), &first)?;
         }
@@ -285,6 +288,14 @@ fn entries(q: &Quantity) -> String {
 pub fn parameters(table: &Table, row: &Row) -> String {
     let entries = table.parameters.iter().zip(&row.values).map(|(name, value)| format!("{name} {value};\n"));
     header("simulationParameters") + &entries.collect::<String>()
+}
+
+/// Whether a script puts the original first fields into the case itself, and not into folders of ranks.
+fn takes_original(script: &str) -> bool {
+    let commands = script.lines().map(|line| line.split('#').next().unwrap_or_default());
+    commands
+        .filter(|c| !c.contains("processor"))
+        .any(|c| ["restore0Dir", ORIGINAL].iter().any(|word| c.contains(word)))
 }
 
 /// Writes a file of a copy.
@@ -397,12 +408,19 @@ mod tests {
         let (_dir, source) = source(&["0.orig/U", "system/controlDict"]);
         let copies = tempfile::tempdir().unwrap();
         let mut s = settings();
-        for there in [true, false] {
-            let copy = copies.path().join(there.to_string());
+        let script = |text: &str| fixtures::write(&source.folder, &[("Allrun.pre", text)]);
+        let mut there = |command: &[&str]| {
+            let copy = copies.path().join(command.join(" ").replace('/', ""));
+            s.prepare.push(command.iter().map(|word| word.to_string()).collect());
             source.copy(&copy, &s, "", false).unwrap();
-            assert_eq!(copy.join("0/U").exists(), there);
-            s.prepare = vec![["cp", "-rT", ORIGINAL, "0"].map(String::from).into()];
-        }
+            s.prepare.clear();
+            copy.join("0/U").exists()
+        };
+        assert!(there(&["blockMesh"]) && !there(&["cp", "-rT", ORIGINAL, "0"]));
+        script("blockMesh # restore0Dir\nrestore0Dir -processor\n");
+        assert!(there(&["./Allrun.pre", "1"]));
+        script("createPatch -overwrite\nrestore0Dir\n");
+        assert!(!there(&["./Allrun.pre", "2"]));
     }
 
     #[test]
