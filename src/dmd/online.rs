@@ -369,7 +369,7 @@ impl OnlineDmd {
     }
 
     /// Field `f` of a prediction: the same combination of states for every field. Values below the field's floor are replaced by the least
-    /// of these states. Returns this rank's sum of squares of what that has changed, with the field's weights.
+    /// of these states, unless that is below it too. Returns this rank's sum of squares of what that has changed, with the field's weights.
     ///
     /// # Panics
     /// If `out` is not as long as the field.

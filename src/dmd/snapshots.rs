@@ -360,8 +360,8 @@ impl Snapshots {
         Combination(c)
     }
 
-    /// Field `f` of a combination of kept states. A value below the field's floor is replaced by the least value of these states. Returns
-    /// this rank's sum of squares of what that has changed, with the field's weights.
+    /// Field `f` of a combination of kept states. A value below the field's floor is replaced by the least value of these states, unless
+    /// that is below it too. Returns this rank's sum of squares of what that has changed, with the field's weights.
     pub(crate) fn combine(&self, f: usize, combination: &Combination, out: &mut [f64]) -> f64 {
         let used: Vec<(&Entry, f64)> =
             self.entries.iter().map(|e| (e, combination.0[e.slot])).filter(|(_, c)| *c != 0.0).collect();
@@ -376,7 +376,11 @@ impl Snapshots {
         }
         let field = &self.fields[f];
         let Some(floor) = field.floor else { return 0.0 };
-        let least = used.iter().map(|(e, _)| e.least[f]).fold(f64::INFINITY, f64::min).max(floor);
+        let least = used.iter().map(|(e, _)| e.least[f]).fold(f64::INFINITY, f64::min);
+        if least < floor {
+            // The solver's own values are: a gauge or pore pressure, a temperature in degrees Celsius
+            return 0.0;
+        }
         let mut raised = 0.0;
         for (i, o) in out.iter_mut().enumerate().filter(|(_, o)| **o < floor) {
             let weight = field.weights.get(i / field.components).copied().unwrap_or(1.0);

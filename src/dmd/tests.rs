@@ -386,6 +386,27 @@ fn what_falls_below_its_floor_has_the_least_value_of_the_window_and_nothing_else
 }
 
 #[test]
+fn what_the_solver_itself_has_below_the_floor_is_not_raised() {
+    let fields = vec![Array { floor: Some(0.0), ..Array::solved("p", 1, vec![0.5; 2]) }];
+    let mut linear = online(fields, fit());
+    let state = |k: f64| [0.5 + (0.4 * k).cos(), 0.5 + (0.4 * k).sin()];
+    for k in 0..30u8 {
+        let k = f64::from(k);
+        linear.offer(k * 0.5, 0.5, &[&state(k)]).unwrap();
+    }
+    linear.fit().unwrap();
+    let (mut below, mut p) = (0, [0.0; 2]);
+    for strides in 1..30u8 {
+        let strides = f64::from(strides);
+        let raised = linear.field(0, &linear.predict(strides).unwrap(), &mut p);
+        let exact = state(29.0 + strides);
+        assert!(raised == 0.0 && largest(&p, &exact) < 1e-4, "{strides}: {raised} {p:?} {exact:?}");
+        below += usize::from(exact[0] < 0.0);
+    }
+    assert!(below > 5, "{below}");
+}
+
+#[test]
 fn what_is_wrong_is_named() {
     let comm = Comm::serial();
     let field = || Array::solved("U", 1, vec![1.0; 3]);
