@@ -37,6 +37,11 @@ template <class Patch> bool changes(const Patch& patch)
     if (others.found(patch.type())) {
         return false;
     }
+    // Of solids4foam: by a rate, by a frequency, and by a table that is not written
+    static const wordHashSet unwritten({"fixedTemperature", "linearDisplacement", "oscillateDisplacement"});
+    if (unwritten.found(patch.type())) {
+        return true;
+    }
     for (const char* of : {"coded", "expr", "groovy", "oscillating", "timeVarying"}) {
         if (patch.type().starts_with(of)) {
             return true;
@@ -63,12 +68,9 @@ template <class Patch> void refuse(const word& name, const Patch& patch)
 bool Foam::m4gnPrescribed::hasFunction(const dictionary& dict)
 {
     for (const entry& e : dict) {
-        // solids4foam has tables of this name
-        if (e.keyword().ends_with("Series")) {
-            return true;
-        }
         if (e.isDict()) {
-            if (hasFunction(e.dict())) {
+            // The tables of solids4foam have no kind, and each an end
+            if (e.dict().found("outOfBounds") || hasFunction(e.dict())) {
                 return true;
             }
         } else if (

@@ -49,3 +49,5 @@ echo '((0 (0 200 0)) (1 (0 0 0)))' > constant/load
 sed -i 's|tip .*|tip { type solidTraction; tractionSeries { file "constant/load"; outOfBounds clamp; } pressure uniform 0; value uniform (0 0 0); }|' 0/D
 clean_case
 refused 'Nobody can say beforehand what the condition solidTraction of D at the patch tip' solids4Foam
+sed -i 's|tip .*|tip { type rigidCylinderContact; cylinderRadius 1; cylinderCentre { file "constant/load"; outOfBounds clamp; } penaltyStiffness 1e6; relaxFactor 0.1; value uniform (0 0 0); }|' 0/D
+refused 'Nobody can say beforehand what the condition rigidCylinderContact of D at the patch tip' solids4Foam

@@ -219,6 +219,13 @@ TEST(whatIsPrescribedIsKnownBeforehand)
     EXPECT_NEAR(later[0], 2, 1e-12);
 }
 
+// The path of rigidCylinderContact, and a condition's own entries
+TEST(aTableOfSolids4FoamIsToldByItsEnd)
+{
+    EXPECT(m4gnPrescribed::hasFunction(dict("cylinderCentre { file centre; outOfBounds clamp; }")));
+    EXPECT(!m4gnPrescribed::hasFunction(dict("triSurfaces { file centre; }")));
+}
+
 // As solids4foam has it: a table of the displacement, of which a step makes its increment
 TEST(anIncrementIsPrescribedByWhatItLeadsTo)
 {
