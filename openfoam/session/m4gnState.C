@@ -140,6 +140,7 @@ template <class Action> void Foam::m4gnState::each(const Action& action) const
         apply<surfaceScalarField>(mesh_, name, action);
         apply<surfaceVectorField>(mesh_, name, action);
         apply<surfaceTensorField>(mesh_, name, action);
+        apply<surfaceSymmTensorField>(mesh_, name, action);
         apply<pointScalarField>(mesh_, name, action);
         apply<pointVectorField>(mesh_, name, action);
     }

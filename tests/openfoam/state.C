@@ -85,6 +85,16 @@ TEST(whatModelsTakeRootsOfStaysPositive)
     EXPECT(state.arrays()[find(state, "s", M4GN_CELLS)].floor == -HUGE_VAL);
 }
 
+// Laws of solids4foam's unstructured models go on from strains of faces
+TEST(stressesOfFacesAreHandedOver)
+{
+    fixture f;
+    const surfaceSymmTensorField sigmaf(f.io("sigmaf"), *f.mesh, dimensioned<symmTensor>(dimPressure, Zero));
+    const m4gnState state(*f.mesh, wordHashSet(), true, false);
+    const m4gn_array& array = state.arrays()[find(state, "sigmaf", M4GN_FACES)];
+    EXPECT(array.role == M4GN_CARRIED && array.components == 6 && array.n == 1);
+}
+
 TEST(rolesOfANetworksState)
 {
     fixture f;
