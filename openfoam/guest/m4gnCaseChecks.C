@@ -101,7 +101,8 @@ Foam::word Foam::m4gn::solidModel(const fvMesh& mesh)
 
 bool Foam::m4gn::meshFollowsBody(const fvMesh& mesh)
 {
-    return solidModel(mesh) == "nonLinearGeometryUpdatedLagrangian";
+    // With gradients at faces too (uns)
+    return solidModel(mesh).ends_with("GeometryUpdatedLagrangian");
 }
 
 bool Foam::m4gn::onStoredTimes(const functionObject& object)

@@ -235,7 +235,7 @@ TEST(aMeshFollowsTheBodyThatIsOnIt)
     const Time& time = c.run.time();
     const IOdictionary properties(
         IOobject("solidProperties", time.constant(), time),
-        dict("solidModel nonLinearGeometryUpdatedLagrangian;"));
+        dict("solidModel unsNonLinearGeometryUpdatedLagrangian;"));
     EXPECT(!m4gn::meshFollowsBody(*c.mesh));
     const IOdictionary solid(IOobject("solidModel_" + c.mesh->name(), time.constant(), time), dict(""));
     EXPECT(m4gn::meshFollowsBody(*c.mesh));
