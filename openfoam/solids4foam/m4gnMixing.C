@@ -9,47 +9,45 @@ namespace
 //- Changes that differ by less than about the root of this count as the same
 const Foam::scalar alike = 1e-12;
 
-Foam::scalar product(const Foam::vectorField& a, const Foam::vectorField& b)
-{
-    Foam::scalar sum = 0;
-    forAll(a, i) {
-        sum += a[i] & b[i];
-    }
-    return sum;
-}
-
 } // End anonymous namespace
 
 Foam::m4gnMixing::m4gnMixing(const label depth)
-    : depth_(depth), dx_(depth), df_(depth), products_(depth * depth, Zero), n_(0)
+    : depth_(depth), dg_(depth), df_(depth), products_(depth * depth, Zero), n_(0)
 {}
 
 Foam::tmp<Foam::vectorField> Foam::m4gnMixing::next(const vectorField& x, const vectorField& g)
 {
-    const vectorField f(g - x);
+    vectorField f(g - x);
     auto mixed = tmp<vectorField>::New(g);
 
     if (n_++) {
         for (label i = 0; i + 1 < depth_; ++i) {
-            dx_[i].swap(dx_[i + 1]);
+            dg_[i].swap(dg_[i + 1]);
             df_[i].swap(df_[i + 1]);
             for (label j = 0; j + 1 < depth_; ++j) {
                 products_[i * depth_ + j] = products_[(i + 1) * depth_ + j + 1];
             }
         }
-        dx_.last() = x - x_;
+        dg_.last() = g - g_;
         df_.last() = f - f_;
     }
-    x_ = x;
-    f_ = f;
+    g_ = g;
+    f_.transfer(f);
 
     // Of m changes: the products with f, and of the latest with each
     const label m = min(n_ - 1, depth_);
     const label first = depth_ - m;
     List<scalar> sums(2 * m, Zero);
+    const vectorField& last = df_.last();
     for (label i = 0; i < m; ++i) {
-        sums[i] = product(df_[first + i], f);
-        sums[m + i] = product(df_[first + i], df_.last());
+        const vectorField& change = df_[first + i];
+        scalar withF = 0, withLast = 0;
+        forAll(change, j) {
+            withF += change[j] & f_[j];
+            withLast += change[j] & last[j];
+        }
+        sums[i] = withF;
+        sums[m + i] = withLast;
     }
     Pstream::listCombineGather(sums, plusEqOp<scalar>());
     Pstream::listCombineScatter(sums);
@@ -76,9 +74,14 @@ Foam::tmp<Foam::vectorField> Foam::m4gnMixing::next(const vectorField& x, const 
             system.source()[i] = scale[i] * sums[i];
         }
 
-        const scalarField weights(system.LUsolve());
+        const scalarField weights(scale * system.LUsolve());
+        vectorField& values = mixed.ref();
         for (label i = 0; i < m; ++i) {
-            mixed.ref() -= scale[i] * weights[i] * (dx_[first + i] + df_[first + i]);
+            const vectorField& change = dg_[first + i];
+            const scalar weight = weights[i];
+            forAll(change, j) {
+                values[j] -= weight * change[j];
+            }
         }
     }
 

@@ -175,9 +175,10 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
     bool converged = false;
     bool valid = true;
     scalar first = 0;
+    scalar limit = largest();
 
     while (valid && !converged && nCorrectors < most) {
-        valid = take(now(), impK, conditionTolerance * largest());
+        valid = take(now(), impK, conditionTolerance * limit);
         if (!valid) {
             break;
         }
@@ -196,16 +197,17 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
 
         const tmp<vectorField> next(unknowns(impK));
         const scalar change = gMax(mag(next() - now())());
-        converged = change <= largest();
+        limit = largest();
+        converged = change <= limit;
         if (nCorrectors == 1) {
             first = change;
         }
-        valid = change <= diverged * max(first, largest());
+        valid = change <= diverged * max(first, limit);
         now = mixing.next(now(), next());
     }
     SolverPerformance<vector>::debug = debug;
 
-    if (!valid || !converged || !take(now(), impK, conditionTolerance * largest())) {
+    if (!valid || !converged || !take(now(), impK, conditionTolerance * limit)) {
         u == before;
         forAll(patches, i) {
             fvPatchVectorField& patch = u.boundaryFieldRef()[patches[i]];
