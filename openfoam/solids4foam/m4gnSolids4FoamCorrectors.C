@@ -104,6 +104,7 @@ bool Foam::m4gnSolids4FoamLaw::take(
     // Where cells are not orthogonal to the boundary its values take part of
     // the last gradient, which takes part of them
     scalar first = 0;
+    bool graded = true;
     for (label sweep = 0; sweep < maxConditionSweeps; ++sweep) {
         const volVectorField::Boundary before(boundary);
         evaluateBoundary(tractions(true));
@@ -111,12 +112,14 @@ bool Foam::m4gnSolids4FoamLaw::take(
         const scalar change = m4gnExplicitStress::change(before, u);
         first = max(first, change);
         if (sweep && change <= max(tolerance, conditionTolerance * first)) {
+            // Where cells are orthogonal to the boundary nothing has changed
+            graded = change <= conditionTolerance * tolerance;
             break;
         }
         mechanical().grad(u, solid_->incremental() ? solid_->gradDD() : solid_->gradD());
     }
 
-    return stress();
+    return stress(graded);
 }
 
 Foam::tmp<Foam::volVectorField> Foam::m4gnSolids4FoamLaw::force() const

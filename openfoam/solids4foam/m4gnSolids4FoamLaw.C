@@ -80,16 +80,16 @@ bool Foam::m4gnSolids4FoamLaw::solvesPressure() const
     return false;
 }
 
-Foam::scalar Foam::m4gnSolids4FoamLaw::strain()
+Foam::scalar Foam::m4gnSolids4FoamLaw::strain(const bool graded)
 {
     solidModel& solid = *solid_;
     const dimensionedTensor one("one", dimless, tensor::I);
 
-    if (!solid.incremental()) {
-        mechanical().grad(solid.D(), solid.gradD());
-    } else {
+    if (!graded) {
+        mechanical().grad(solid.solutionD(), solid.incremental() ? solid.gradDD() : solid.gradD());
+    }
+    if (solid.incremental()) {
         solid.D() == solid.D().oldTime() + solid.DD();
-        mechanical().grad(solid.DD(), solid.gradDD());
         if (!solid.movingMesh()) {
             set(solid.gradD(), solid.gradD().oldTime() + solid.gradDD());
         }
@@ -130,9 +130,9 @@ Foam::scalar Foam::m4gnSolids4FoamLaw::strain()
     return smallest;
 }
 
-bool Foam::m4gnSolids4FoamLaw::stress()
+bool Foam::m4gnSolids4FoamLaw::stress(const bool graded)
 {
-    if (strain() <= SMALL) {
+    if (strain(graded) <= SMALL) {
         return false;
     }
 
