@@ -227,8 +227,11 @@ void Foam::functionObjects::m4gnAverages::addRow(const label i, const bool surro
 bool Foam::functionObjects::m4gnAverages::fromSurrogate() const
 {
     // m4gnSurrogate keeps the solver's time step there within a jump, and 0 outside
-    for (const entry& e : m4gn::properties(const_cast<Time&>(time_).functionObjects())) {
-        if (e.isDict() && e.dict().getOrDefault<scalar>("solverDeltaT", 0) > 0) {
+    auto& list = const_cast<Time&>(time_).functionObjects();
+    for (const entry& e : m4gn::properties(list)) {
+        // What is kept outlives a function object that this run no longer has
+        if (e.isDict() && e.dict().getOrDefault<scalar>("solverDeltaT", 0) > 0
+            && list.findObjectID(e.keyword()) >= 0) {
             return true;
         }
     }

@@ -155,6 +155,21 @@ void Foam::functionObjects::m4gnSurrogate::jump()
 
 void Foam::functionObjects::m4gnSurrogate::resume()
 {
+    scalar deltaT = 0;
+    getProperty(solverDeltaT, deltaT);
+    Time& time = const_cast<Time&>(time_);
+    if (deltaT > 0) {
+        if (time_.isAdjustTimeStep()) {
+            // Time was written with the surrogate's
+            time.setDeltaT(deltaT, false);
+        }
+        scalar before = deltaT;
+        getProperty(stepBefore, before);
+        m4gnLastStep::of(time) = before;
+        // A jump that goes on says it again
+        setProperty(solverDeltaT, scalar(0));
+    }
+
     if (!m4gnHybridRun::stored(name(), time_)) {
         word last;
         for (const instant& at : time_.times()) {
@@ -171,19 +186,6 @@ void Foam::functionObjects::m4gnSurrogate::resume()
                               << ". What was written later may not be whole" << endl;
         }
         return;
-    }
-
-    scalar deltaT = 0;
-    getProperty(solverDeltaT, deltaT);
-    Time& time = const_cast<Time&>(time_);
-    if (deltaT > 0) {
-        if (time_.isAdjustTimeStep()) {
-            // Time was written with the surrogate's
-            time.setDeltaT(deltaT, false);
-        }
-        scalar before = deltaT;
-        getProperty(stepBefore, before);
-        m4gnLastStep::of(time) = before;
     }
     if (!replaces_) {
         Log << type() << ' ' << name() << ": begins to observe at time " << time_.timeName()

@@ -43,6 +43,8 @@ for time in 0.5 0.6 0.75; do
     solve
     near "$(total 1.1)" 1.1 "time that is averaged over, carried on at $time"
     same_bytes ../behind 1.1/{U,UMean}
+    # Steps of the solver behind the jump are told as its own
+    grep -q 'solverDeltaT *0;' 0.8/uniform/functionObjects/functionObjectProperties || fail "carried on at $time, 0.8 is taken for a time of a jump"
 done
 
 # edit TIME SED...: controlDict is edited at this time of the run
