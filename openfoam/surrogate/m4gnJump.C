@@ -16,12 +16,13 @@ namespace
 {
 using namespace Foam;
 
-//- Does it run at times, of which those less than half a time step ahead count
-//  as come?
+//- Does it run at times, or at the run's end, of which those less than half a
+//  time step ahead count as come?
 bool atTimes(const timeControl& control)
 {
     return control.control() == timeControl::ocRunTime
-           || control.control() == timeControl::ocAdjustableRunTime;
+           || control.control() == timeControl::ocAdjustableRunTime
+           || control.control() == timeControl::ocOnEnd;
 }
 
 //- Execute and write the function object at a state of a jump. One whose

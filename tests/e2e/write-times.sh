@@ -42,6 +42,13 @@ for control in runTime adjustableRunTime; do
     case_with $control 0.02 0.06
     both "$control, two strides" 0.02 0.04 0.06
 done
+# What runs at the run's end does so once, however near to it a stride ends
+clean_case
+control writeControl adjustableRunTime writeInterval 0.004 endTime 0.044
+{ table before onEnd 1; surrogate "$jump"; cat system/functions; table behind onEnd 1; } > functions
+mv functions system
+solve
+executed "onEnd" 0.044
 case_with timeStep 10 0.06
 both "timeStep, ten: two strides" 0.02 0.04 0.06
 case_with timeStep 2 0.06
