@@ -79,6 +79,20 @@ void Foam::m4gnJump::executeOthers(const scalar deltaT) const
     }
 }
 
+void Foam::m4gnJump::writeOthers(const wordHashSet& executed) const
+{
+    functionObjectList& list = time_.functionObjects();
+
+    forAll(list, i) {
+        const auto* controls = isA<functionObjects::timeControl>(list[i]);
+        const bool keeps = controls ? controls->writeControl().control() == timeControl::ocWriteTime
+                                    : m4gnFunctionObjects::typeOf(list[i], time_) == "m4gnAverages";
+        if (keeps && list[i].name() != name_ && executed.found(list[i].name())) {
+            list[i].write();
+        }
+    }
+}
+
 Foam::scalar Foam::m4gnJump::within() const
 {
     // Within a jump Time has its own deltaT
@@ -196,6 +210,8 @@ void Foam::m4gnJump::begin()
     if (writes_ && !time_.writeTime() && time_.timeIndex() != time_.startTimeIndex()) {
         m4gnClockwork::write(time_);
         writeState();
+        // All that look have seen the solver's step
+        writeOthers(m4gnFunctionObjects::chosen(name_, time_, dictionary::null));
         keep();
     }
 }
@@ -274,8 +290,12 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
             // The jump ended early
             complete(true);
             if (writes_) {
+                const bool written = time_.writeTime();
                 m4gnClockwork::write(time_);
                 write(lastSolved);
+                if (!written) {
+                    writeOthers(others());
+                }
                 keep();
             }
         }
