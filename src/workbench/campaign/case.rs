@@ -195,11 +195,11 @@ impl Source {
         Ok(MadeFrom(parts))
     }
 
-    /// Copies the case to `copy`, which is not there yet, with a run's parameters and entries.
+    /// Copies the case to `copy`, which is not there yet, with a run's parameters.
     ///
     /// # Errors
     /// [`Error::File`] for what cannot be copied or written.
-    pub fn copy(&self, copy: &Path, settings: &Settings, parameters: &str, plain: bool) -> Result<()> {
+    pub fn copy(&self, copy: &Path, settings: &Settings, parameters: &str) -> Result<()> {
         for name in self.contents()? {
             copy_all(&self.folder.join(&name), &copy.join(&name))?;
         }
@@ -212,7 +212,15 @@ impl Source {
         if !later && !first.exists() && copy.join(ORIGINAL).is_dir() {
             copy_all(&copy.join(ORIGINAL), &first)?;
         }
-        write(&copy.join(PARAMETERS), parameters)?;
+        write(&copy.join(PARAMETERS), parameters)
+    }
+
+    /// Puts the `controlDict` of a run in place of the case's, which it includes. The commands of `prepare` come before: they may run other solvers, or
+    /// have one of several for the case.
+    ///
+    /// # Errors
+    /// [`Error::File`] for what cannot be renamed or written.
+    pub fn control(&self, copy: &Path, settings: &Settings, plain: bool) -> Result<()> {
         let (control, own) = (copy.join("system/controlDict"), copy.join("system").join(CONTROL));
         fs::rename(&control, &own).map_err(|e| Error::file(&control, format!("cannot be renamed: {e}")))?;
         write(&control, &self.control_dict(settings, plain))
@@ -412,7 +420,7 @@ mod tests {
         let mut there = |command: &[&str]| {
             let copy = copies.path().join(command.join(" ").replace('/', ""));
             s.prepare.push(command.iter().map(|word| word.to_string()).collect());
-            source.copy(&copy, &s, "", false).unwrap();
+            source.copy(&copy, &s, "").unwrap();
             s.prepare.clear();
             copy.join("0/U").exists()
         };
@@ -425,7 +433,11 @@ mod tests {
 
     #[test]
     fn a_run_has_our_entries_behind_the_case_s() {
-        let (_dir, source) = source(&[]);
+        let (dir, source) = source(&["system/controlDict"]);
+        source.control(dir.path(), &settings(), false).unwrap();
+        let read = |name: &str| fs::read_to_string(dir.path().join("system").join(name)).unwrap();
+        assert_eq!(read(CONTROL), "system/controlDict");
+        assert_eq!(read("controlDict"), source.control_dict(&settings(), false));
         let text = source.control_dict(&settings(), false);
         for expected in [
             "#include \"controlDict.case\"\nstartFrom startTime;",

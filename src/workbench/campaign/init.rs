@@ -141,7 +141,7 @@ fn checked(
     let copy = scratch.path().join(source.folder.file_name().unwrap_or("case".as_ref()));
     let quick = Surroundings { timeout: Duration::from_secs(MESH_SECONDS), ..tools.clone() };
     let made = source
-        .copy(&copy, &settings, parameters, true)
+        .copy(&copy, &settings, parameters)
         .and_then(|()| settings.prepare.iter().try_for_each(|command| quick.run(&copy, command)))
         .and_then(|()| clear_ranks(&copy));
     let plan = Plan {

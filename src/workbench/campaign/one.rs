@@ -104,7 +104,7 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
     let sisters = if unit.check { Vec::new() } else { campaign.sisters(unit)? };
     let asked = if unit.check { Start::Cold } else { settings.start };
     let plan = Plan::new(asked, &sisters);
-    source.copy(case, settings, &case::parameters(&campaign.table, row), unit.check)?;
+    source.copy(case, settings, &case::parameters(&campaign.table, row))?;
     // The record says what was copied
     if let Some(what) = campaign.source.digests()?.differs(&campaign.files) {
         let folder = &campaign.source.folder;
@@ -115,6 +115,7 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
     }
     settings.prepare.iter().try_for_each(|command| limit(tools.run(case, command)))?;
     clear_ranks(case)?;
+    source.control(case, settings, unit.check)?;
     let mut cost = Cost { prepare: clock.lap()?, ..Cost::default() };
 
     let mesh = if asked == Start::Cold { String::new() } else { start::mesh(case)? };
