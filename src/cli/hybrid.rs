@@ -3,14 +3,12 @@
 use super::generate::folder::SetArgs;
 use super::{claim_outputs, stop_flag, write_json};
 use m4gn_base::{Error, Result, refuse};
-use m4gn_report::{number, percent};
 use m4gn_workbench::generate::family::Family;
 use m4gn_workbench::generate::openfoam::{environment, plain_path};
 use m4gn_workbench::generate::parameter::Settings;
 use m4gn_workbench::generate::process::Surroundings;
 use m4gn_workbench::hybrid::{
-    self, DrawResult, Event, Kind, Plan, RunRecord, Variant, case_table, remarks, summary, summary_tables,
-    variants,
+    self, DrawResult, Kind, Plan, Variant, case_table, failures, remarks, summary, summary_tables, variants,
 };
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -83,11 +81,7 @@ pub fn run(args: Args) -> Result<()> {
     let plan = plan(&args)?;
     let order = plan.schedule.order_by.clone().unwrap_or("case".into());
     let names: Vec<String> = plan.variants.iter().map(|v| v.name.clone()).collect();
-    let results = hybrid::run(&plan, |event| match event {
-        Event::Done { before: true, .. } => {}
-        Event::Done { index, name, record, .. } => eprintln!("{index:04}  {name}{}", figures_text(&record)),
-        Event::Failed { index, name, message } => eprintln!("{index:04}  {name} failed: {message}"),
-    })?;
+    let results = hybrid::run(&plan, |line| eprintln!("{line}"))?;
 
     println!(
         "whole %, whole wall %: processor and wall time of the whole run, with start-up and loading, over the full run's; stretch %: \
@@ -104,35 +98,9 @@ pub fn run(args: Args) -> Result<()> {
     if let Some(path) = &args.html {
         hybrid::report(&plan, &results, &names, &order)?.write(path)?;
     }
-    let failed: Vec<String> = results
-        .iter()
-        .flat_map(|d| {
-            d.failed.iter().map(move |(name, message)| format!("\n  {:04} {name}: {message}", d.index))
-        })
-        .collect();
-    refuse(!failed.is_empty(), Error::Input, || format!("{} runs failed:{}", failed.len(), failed.concat()))
-}
-
-/// What came of a run, in a line: times and error of the whole run, the error over that of holding.
-fn figures_text(record: &RunRecord) -> String {
-    let cost = &record.cost;
-    let mut text =
-        format!("  {} s of processor time, {} s in all", number(cost.processor, 3), number(cost.wall, 3));
-    match &record.score {
-        Some(score) if score.answer.is_some() => {
-            let ended = number(score.ended.unwrap_or_default(), 3);
-            text += &format!(", ended at {ended} s, figures within {}", percent(score.answer));
-        }
-        Some(score) => {
-            let end = score.end.map_or("-".into(), |e| number(e, 3));
-            text += &format!(", error over the run {end} of holding");
-        }
-        None => {}
-    }
-    if let Some(replaced) = record.score.as_ref().and_then(|s| s.replaced) {
-        text += &format!(", {} replaced", percent(Some(replaced)));
-    }
-    text
+    let failed = failures(&results);
+    let count = failed.len();
+    refuse(count > 0, Error::Input, || format!("{count} runs failed:\n  {}", failed.join("\n  ")))
 }
 
 fn plan(args: &Args) -> Result<Plan> {

@@ -4,7 +4,7 @@ use super::answer;
 use super::record::{Cost, RunRecord, kept, remove};
 use super::score::Score;
 use super::variant::{FULL, Kind, NETWORK};
-use super::{DrawResult, Event, Plan};
+use super::{DrawResult, Plan};
 use crate::compare::log::Log;
 use crate::compare::{self, Options};
 use crate::foam_case::FoamCase;
@@ -31,7 +31,7 @@ pub(super) struct Job<'a> {
     /// Of the library that finds figures and ends runs, where there are some.
     pub averages: Digest,
     pub comparing: &'a Mutex<()>,
-    pub report: &'a (dyn Fn(Event) + Sync),
+    pub say: &'a (dyn Fn(&str) + Sync),
 }
 
 /// A run before it is made.
@@ -68,10 +68,7 @@ impl Job<'_> {
         for variant in &self.plan.variants {
             match self.prepare(index, &variant.name, Some(&variant.kind), Some(&full)) {
                 Ok(run) => match kept(&folder, run.name, &run.key) {
-                    Some(record) => {
-                        self.done(index, run.name, &record, true);
-                        result.runs.insert(run.name.into(), record);
-                    }
+                    Some(record) => drop(result.runs.insert(run.name.into(), record)),
                     None => missing.push(run),
                 },
                 Err(e) => self.failed(&mut result, &variant.name, &e),
@@ -81,10 +78,7 @@ impl Job<'_> {
         // Its fields are there as long as this file is.
         let whole = case.join("system/controlDict").is_file();
         result.full = match record {
-            Some(record) if whole || missing.is_empty() => {
-                self.done(index, FULL, &record, true);
-                Some(record)
-            }
+            Some(record) if whole || missing.is_empty() => Some(record),
             _ => self.make(&folder, &full, &mut result),
         };
         if result.full.is_none() {
@@ -104,16 +98,9 @@ impl Job<'_> {
         result
     }
 
-    fn done(&self, index: u64, name: &str, record: &RunRecord, before: bool) {
-        let (name, record) = (name.to_string(), Box::new(record.clone()));
-        (self.report)(Event::Done { index, name, record, before });
-    }
-
     fn failed(&self, result: &mut DrawResult, name: &str, error: &Error) {
-        let (index, message) = (result.index, error.to_string());
-        result.failed.push((name.into(), message.clone()));
-        let name = name.to_string();
-        (self.report)(Event::Failed { index, name, message });
+        (self.say)(&format!("{:04}  {name} failed: {error}", result.index));
+        result.failed.push((name.into(), error.to_string()));
     }
 
     /// The files of a run, and what it is made from; a variant also from the full run that it is compared with.
@@ -174,7 +161,7 @@ impl Job<'_> {
         });
         match made {
             Ok(record) => {
-                self.done(result.index, run.name, &record, false);
+                (self.say)(&format!("{:04}  {}{}", result.index, run.name, record.line()));
                 if run.kind.is_some() && !self.plan.keep_cases {
                     remove(&case);
                 }

@@ -1,6 +1,6 @@
 //! The results as a page: error over processor time, tables.
 
-use super::tables::{case_table, remarks, summary_tables, whole_time};
+use super::tables::{case_table, failures, remarks, summary_tables, whole_time};
 use super::{DrawResult, Plan};
 use m4gn_base::Result;
 use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
@@ -78,10 +78,7 @@ pub fn report(plan: &Plan, results: &[DrawResult], variants: &[String], order: &
     if !remarks.is_empty() {
         page.listing(&remarks.join("\n"));
     }
-    let failed: Vec<String> = results
-        .iter()
-        .flat_map(|d| d.failed.iter().map(move |(name, message)| format!("{:04} {name}: {message}", d.index)))
-        .collect();
+    let failed = failures(results);
     if !failed.is_empty() {
         page.heading("Failed");
         page.listing(&failed.join("\n"));

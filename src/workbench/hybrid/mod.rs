@@ -15,7 +15,7 @@ mod variant;
 pub use html::report;
 pub use record::{Cost, RunRecord};
 pub use score::Score;
-pub use tables::{case_table, remarks, summary, summary_tables};
+pub use tables::{case_table, failures, remarks, summary, summary_tables};
 pub use variant::{FULL, Kind, Variant, variants};
 
 use crate::foam_bridge;
@@ -76,37 +76,12 @@ pub struct DrawResult {
     pub failed: Vec<(String, String)>,
 }
 
-/// What happens while it happens.
-#[derive(Clone, Debug)]
-pub enum Event {
-    /// A run is done, or was done before.
-    Done {
-        /// Number of the draw.
-        index: u64,
-        /// Name of the run.
-        name: String,
-        /// What came of it.
-        record: Box<RunRecord>,
-        /// Whether an earlier command has made it.
-        before: bool,
-    },
-    /// A run failed.
-    Failed {
-        /// Number of the draw.
-        index: u64,
-        /// Name of the run.
-        name: String,
-        /// Why.
-        message: String,
-    },
-}
-
-/// Runs everything that is not there yet. Results in the order of the draws.
+/// Runs everything that is not there yet; `say` is told of each run that ends. Results in the order of the draws.
 ///
 /// # Errors
 /// [`Error::Interrupted`] when the user stops. [`Error::Input`] for settings or a schedule that cannot be. [`Error::File`]
 /// when the folder cannot be used, or OpenFOAM's libraries cannot be loaded. Failed runs are in the results.
-pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>> {
+pub fn run(plan: &Plan, say: impl Fn(&str) + Sync) -> Result<Vec<DrawResult>> {
     let settings = plan.schedule.settings(&plan.settings);
     let draws: Vec<Draw> =
         (0..plan.count).map(|index| plan.family.draw(plan.seed, index, &settings)).collect::<Result<_>>()?;
@@ -137,7 +112,7 @@ pub fn run(plan: &Plan, report: impl Fn(Event) + Sync) -> Result<Vec<DrawResult>
         network,
         averages,
         comparing: &comparing,
-        report: &report,
+        say: &say,
     };
     let mut results: Vec<DrawResult> = Vec::new();
     let run = |i: usize| Some(job.run(i as u64, &draws[i]));

@@ -2,6 +2,7 @@
 
 use super::score::Score;
 use m4gn_base::files;
+use m4gn_report::{number, percent};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
@@ -28,6 +29,29 @@ pub struct RunRecord {
     pub score: Option<Score>,
     /// The whole comparison.
     pub comparison: Option<Value>,
+}
+
+impl RunRecord {
+    /// What came of it, in a line: times and error of the whole run, the error over that of holding.
+    pub(super) fn line(&self) -> String {
+        let (processor, wall) = (number(self.cost.processor, 3), number(self.cost.wall, 3));
+        let mut text = format!("  {processor} s of processor time, {wall} s in all");
+        let Some(score) = &self.score else { return text };
+        text += &match score.answer {
+            Some(_) => {
+                let ended = number(score.ended.unwrap_or_default(), 3);
+                format!(", ended at {ended} s, figures within {}", percent(score.answer))
+            }
+            None => {
+                let end = score.end.map_or("-".into(), |e| number(e, 3));
+                format!(", error over the run {end} of holding")
+            }
+        };
+        if score.replaced.is_some() {
+            text += &format!(", {} replaced", percent(score.replaced));
+        }
+        text
+    }
 }
 
 /// The record of a run that is finished and was made with this; none where it must be run.

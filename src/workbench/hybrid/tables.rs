@@ -140,6 +140,14 @@ pub fn remarks(results: &[DrawResult]) -> Vec<String> {
     results.iter().flat_map(of).collect()
 }
 
+/// A line a run that failed.
+pub fn failures(results: &[DrawResult]) -> Vec<String> {
+    let of = |d: &DrawResult| -> Vec<String> {
+        d.failed.iter().map(|(name, message)| format!("{:04} {name}: {message}", d.index)).collect()
+    };
+    results.iter().flat_map(of).collect()
+}
+
 fn cost(run: &RunRecord) -> [String; 2] {
     [run.cost.after_takeover, run.cost.wall].map(|v| number(v, 3))
 }
