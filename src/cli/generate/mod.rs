@@ -2,20 +2,18 @@
 
 pub(crate) mod folder;
 mod solids;
-mod tally;
 
 use super::{claim_outputs, progress_bar, stop_flag, write_json};
-use m4gn_base::Result;
+use m4gn_base::{Error, Result, refuse};
 use m4gn_data::Split;
 use m4gn_workbench::generate::automatic_split;
 use m4gn_workbench::generate::process::Surroundings;
 use m4gn_workbench::generate::queue::{Case, Made, Outcome, Queue};
 use m4gn_workbench::generate::solids::Family as Body;
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
-use tally::Tally;
 
 /// Make training data by simulating cases with random parameters
 ///
@@ -141,38 +139,57 @@ impl Common {
             },
         };
         let start = Instant::now();
-        let mut tally = Tally::default();
+        let (mut made, mut there, mut bytes, mut failed) = (Vec::new(), 0_u64, 0_u64, Vec::new());
         let bar = progress_bar(self.count, "trajectories");
         let result = queue.run(|case, outcome| {
+            bar.iter().for_each(|b| b.inc(1));
             let line = match outcome {
-                Outcome::Made(made) => {
-                    let (line, entry) = describe(case, made);
-                    tally.bytes += made.bytes;
-                    tally.made.push(entry);
-                    Some(line)
+                Outcome::Made(one) => {
+                    let (line, entry) = describe(case, one);
+                    bytes += one.bytes;
+                    made.push(entry);
+                    line
                 }
-                Outcome::There(_) => {
-                    tally.there += 1;
-                    None
+                Outcome::There => {
+                    there += 1;
+                    return;
                 }
-                Outcome::Failed(error) => Some(tally.failed(case.index(), error)),
+                Outcome::Failed(error) => {
+                    failed.push((case.index(), error.to_string()));
+                    format!("{:04}  failed, skipped: {error}", case.index())
+                }
             };
-            match (&bar, line) {
-                (Some(bar), line) => {
-                    bar.inc(1);
-                    if let (Some(line), Outcome::Failed(_)) = (line, outcome) {
-                        bar.suspend(|| eprintln!("{line}"));
-                    }
-                }
-                (None, Some(line)) => eprintln!("{line}"),
-                (None, None) => {}
+            match (&bar, outcome) {
+                (Some(bar), Outcome::Failed(_)) => bar.suspend(|| eprintln!("{line}")),
+                (Some(_), _) => {}
+                (None, _) => eprintln!("{line}"),
             }
         });
         bar.iter().for_each(|b| b.finish_and_clear());
-        let seconds = start.elapsed().as_secs_f64();
-        println!("{}", tally.summary(&queue.folder, seconds));
-        write_json(self.json.as_deref(), &tally.figures(self.count, self.seed, seconds))?;
+        let (seconds, count) = (start.elapsed().as_secs_f64(), self.count);
+        println!(
+            "{}: {} trajectories made in {seconds:.0} s ({:.1} MB), {there} there before, {} failed{}",
+            queue.folder.display(),
+            made.len(),
+            bytes as f64 * 1e-6,
+            failed.len(),
+            match failed.is_empty() {
+                true => "",
+                false => "; their logs are in the folder cases there, the same command tries again",
+            }
+        );
+        let told: Vec<Value> =
+            failed.iter().map(|(index, message)| json!({ "index": index, "message": message })).collect();
+        let figures = json!({
+            "count": count, "seed": self.seed, "made": made, "there_before": there, "failed": told,
+            "seconds": seconds, "bytes": bytes,
+        });
+        write_json(self.json.as_deref(), &figures)?;
         result?;
-        tally.fail_if_any(self.count)
+        let cases: String =
+            failed.iter().map(|(index, message)| format!("\n  {index:04}: {message}")).collect();
+        refuse(!failed.is_empty(), Error::Input, || {
+            format!("{} of {count} cases failed:{cases}", failed.len())
+        })
     }
 }

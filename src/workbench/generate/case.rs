@@ -259,10 +259,6 @@ impl Case for FamilyCase {
         self.index
     }
 
-    fn split(&self) -> Split {
-        self.split
-    }
-
     fn run(&self, folder: &Path, tools: &Surroundings) -> Result<(PathBuf, Figures)> {
         self.write(folder)?;
         self.family.prepare(&self.draw, folder, tools)?;

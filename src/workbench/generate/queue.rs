@@ -16,9 +16,6 @@ pub trait Case: Sync {
     /// Number of the case in the set.
     fn index(&self) -> u64;
 
-    /// What its trajectory is for.
-    fn split(&self) -> Split;
-
     /// Makes the trajectory in the folder, which does not exist yet; where it is there, and its figures.
     ///
     /// # Errors
@@ -69,7 +66,7 @@ pub enum Outcome<F> {
     /// It was made.
     Made(Made<F>),
     /// A whole trajectory of the same parameters was there.
-    There(PathBuf),
+    There,
     /// It failed.
     Failed(Error),
 }
@@ -99,7 +96,7 @@ impl<C: Case> Queue<C> {
             let target = self.target(case);
             if target.exists() {
                 self.check_existing(case, &target)?;
-                report(case, &Outcome::There(target));
+                report(case, &Outcome::There);
             } else {
                 missing.push(case);
             }

@@ -122,10 +122,6 @@ impl Case for Request {
         self.index
     }
 
-    fn split(&self) -> Split {
-        self.split
-    }
-
     fn run(&self, folder: &Path, tools: &Surroundings) -> Result<(PathBuf, Figures)> {
         self.write(folder)?;
         tools.run(folder, &[self.python.as_str(), "-m", "m4gn_solids"])?;
