@@ -11,9 +11,8 @@ use m4gn_parallel::Comm;
 use m4gn_report::Table;
 use m4gn_step::Backend;
 use m4gn_structure::Structure;
-use m4gn_workbench::bench;
-use m4gn_workbench::bench::memory::Memory;
-use m4gn_workbench::bench::{Runs, Source, Trial, Workload, machine, memory};
+use m4gn_workbench::bench::memory::{self, Memory};
+use m4gn_workbench::bench::{self, Runs, Source, Trial, Workload};
 use serde_json::{Value, json};
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
@@ -143,14 +142,13 @@ impl Args {
 }
 
 fn workload(args: &Args, options: &EngineOptions) -> Result<Workload> {
-    let source = match (&args.data, args.hex) {
-        (Some(path), _) => Source::Mesh(Box::new(Trajectory::open(path)?.cells()?.clone())),
-        (None, true) => Source::Mesh(Box::new(bench::hexahedra(args.nodes)?)),
-        (None, false) => Source::OMesh(args.nodes),
+    let source = match &args.data {
+        Some(path) => Source::Mesh(Box::new(Trajectory::open(path)?.cells()?.clone())),
+        None => Source::made(args.nodes, args.hex)?,
     };
     let model = match &args.model {
         Some(path) => Model::read(path)?,
-        None => Model::random(args.trial(options).shape(source.dim()).spec(), 1)?,
+        None => Model::random(args.trial(options).spec(source.dim()), 1)?,
     };
     Ok(Workload { model, source, comm: Comm::serial() })
 }
@@ -167,14 +165,14 @@ fn measure(workload: &Workload, args: &Args, options: &EngineOptions) -> Result<
     // A session keeps no graph beside its network.
     drop(structure);
     let runs = args.steps.map_or(Runs::For(SECONDS), Runs::Exactly);
-    let mut peak = machine::peak(&options);
+    let mut peak = bench::peak(&options);
     let step = runs.time(|| network.forward(&workload.comm, &inputs, &mut outputs))?;
     let after = Memory::read();
     let profile = network.profile().unwrap_or_default();
     drop(network);
     // A machine that others use shows what it can do only now and then.
     for _ in 0..2 {
-        let again = machine::peak(&options);
+        let again = bench::peak(&options);
         peak.units = peak.units.max(again.units);
         peak.product = peak.product.max(again.product);
     }

@@ -3,43 +3,27 @@
 
 mod export;
 mod graph;
-pub mod machine;
 pub mod memory;
 mod timing;
 mod training;
 mod workload;
 
 pub use export::export;
-pub use graph::{hexahedra, o_mesh, o_mesh_structure};
-pub use timing::{Runs, Timing, processor_time};
+pub use timing::{Runs, Timing, peak, processor_time};
 pub use training::{Prepared, Trial};
 pub use workload::{Source, Workload};
 
+use graph::{hexahedra, o_mesh_structure};
 use m4gn_mesh::NodeType;
 use m4gn_model::{
     Activation, Architecture, FieldSpec, Kind, M4gn, MacroSpec, MicroSpec, ModelSpec, Output, Precision,
     SegmentSpec,
 };
 
-/// Shape of a network that is made for a measurement.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shape {
-    /// Solved directions.
-    pub dim: usize,
-    /// Message-passing layers.
-    pub layers: usize,
-    /// Latent width d.
-    pub width: usize,
-    /// Hidden layers of each perceptron.
-    pub hidden_layers: usize,
-    /// Number of segments K; none: a MeshGraphNet without macro stage.
-    pub segments: Option<usize>,
-}
-
-impl Shape {
-    /// A network of this shape that reads U and p and predicts both. The macro stage, where there is one, is that of
-    /// the paper (section 4.2): 4 layers, 8 heads, feed-forward width 4 d, all layers before it.
-    pub fn spec(&self) -> ModelSpec {
+impl Trial {
+    /// A network of this shape that reads U and p, in so many solved directions, and predicts both. The macro stage, where there is one, is that of
+    /// the paper (section 4.2): 4 layers, 8 heads, feed-forward width 4 d, all layers before it; without segments there is none (MeshGraphNet).
+    pub fn spec(&self, dim: usize) -> ModelSpec {
         let field = |name: &str, vector, length, output| FieldSpec {
             name: name.into(),
             vector,
@@ -50,13 +34,13 @@ impl Shape {
         };
         ModelSpec {
             format: 1,
-            dim: self.dim,
+            dim,
             stride: 0.01,
             fields: vec![field("U", true, 1, Output::Delta), field("p", false, 2, Output::Value)],
             node_types: NodeType::ALL.to_vec(),
             architecture: Architecture {
                 width: self.width,
-                hidden_layers: self.hidden_layers,
+                hidden_layers: self.hidden,
                 activation: Activation::Relu,
                 micro: MicroSpec::default(),
                 kind: match self.segments {

@@ -1,6 +1,7 @@
-//! Times of many runs.
+//! Times of many runs, and the rate of matrix products that the machine can do.
 
 use m4gn_base::Result;
+use m4gn_engine::{EngineOptions, Isa, Peak};
 use rustix::time::{ClockId, clock_gettime};
 use std::time::{Duration, Instant};
 
@@ -77,6 +78,19 @@ impl Runs {
             }
         }
     }
+}
+
+/// Rates of all threads together, GFLOP/s: what the units give on registers, and a product of `[8192 x 128]` with
+/// `[128 x 128]`, measured at the same time on every thread.
+pub fn peak(options: &EngineOptions) -> Peak {
+    let isa = options.isa.unwrap_or_else(Isa::detect);
+    std::thread::scope(|scope| {
+        let one = || m4gn_engine::peak(options.precision, isa);
+        let handles: Vec<_> = (0..options.n_threads.max(1)).map(|_| scope.spawn(one)).collect();
+        let found = handles.into_iter().filter_map(|h| h.join().ok());
+        let none = Peak { units: 0.0, product: 0.0 };
+        found.fold(none, |sum, p| Peak { units: sum.units + p.units, product: sum.product + p.product })
+    })
 }
 
 /// Processor time of all threads of this process so far, s.

@@ -1,6 +1,6 @@
 //! A step of training to measure: a batch of one graph with random fields, forward, backward and update.
 
-use super::{Shape, hexahedra, o_mesh_structure};
+use super::Source;
 use m4gn_base::{Error, Result, refuse};
 use m4gn_domain::Components;
 use m4gn_domain::cells::Cells;
@@ -10,9 +10,7 @@ use m4gn_learn::normaliser::Normaliser;
 use m4gn_learn::samples::Sample;
 use m4gn_learn::{Backend, Batch, Example, TrainingConfig, Workload};
 use m4gn_model::{Model, ModelSpec};
-use m4gn_modes::Modal;
 use m4gn_parallel::Comm;
-use m4gn_structure::Structure;
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 
@@ -65,16 +63,11 @@ impl Trial {
         refuse(!(1..=4096).contains(&self.batch) || !(1..=64).contains(&self.unroll), Error::Input, || {
             format!("--batch {}, --unroll {}: expected 1 to 4096 and 1 to 64", self.batch, self.unroll)
         })?;
-        let comm = Comm::serial();
-        let spec = self.shape(if self.hex { 3 } else { 2 }).spec();
-        spec.check()?;
-        let structure = match self.hex {
-            true => {
-                let modal = Modal(spec.segments.modal());
-                Structure::new(&hexahedra(self.nodes)?, &spec, &spec.segments, &modal, None, &comm)?
-            }
-            false => o_mesh_structure(&spec, self.nodes, &comm)?,
-        };
+        let source = Source::made(self.nodes, self.hex)?;
+        let model = Model::random(self.spec(source.dim()), 1)?;
+        let network = super::Workload { model, source, comm: Comm::serial() };
+        let structure = network.structure()?;
+        let (normaliser, spec) = (Normaliser::of_model(&network.model)?, network.model.spec);
         let graph = &structure.graph;
         let width = Components::new(&spec).count;
         let n_frames = self.unroll + 1;
@@ -92,7 +85,6 @@ impl Trial {
             domain: Box::new(Cells::prescribed(cells, boundary, &spec)),
             structure,
         };
-        let normaliser = Normaliser::of_model(&Model::random(spec.clone(), 1)?)?;
         let training = TrainingConfig {
             batch_size: self.batch,
             precision: self.precision(),
@@ -114,12 +106,6 @@ impl Trial {
             examples: (0..self.batch).map(example).collect(),
             unroll: self.unroll,
         })
-    }
-
-    /// The network, in so many solved directions.
-    pub fn shape(&self, dim: usize) -> Shape {
-        let Trial { layers, width, hidden: hidden_layers, segments, .. } = *self;
-        Shape { dim, layers, width, hidden_layers, segments }
     }
 
     /// Precision of the products.

@@ -1,6 +1,6 @@
 //! A network, a graph, and the programs that run one on the other.
 
-use super::o_mesh_structure;
+use super::{hexahedra, o_mesh_structure};
 use m4gn_base::{Error, Result};
 use m4gn_engine::torch::TorchBackend;
 use m4gn_engine::{Engine, EngineOptions};
@@ -16,13 +16,24 @@ use serde_json::{Value, json};
 /// Where the graph comes from.
 #[derive(Debug)]
 pub enum Source {
-    /// [`o_mesh`] of about so many nodes.
+    /// An O-mesh of triangles of about so many nodes.
     OMesh(usize),
     /// The cells and boundary faces of a mesh.
     Mesh(Box<Mesh>),
 }
 
 impl Source {
+    /// A made graph of about so many nodes: of a cube of hexahedra, or an O-mesh.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a number whose graph cannot be numbered.
+    pub fn made(nodes: usize, hex: bool) -> Result<Self> {
+        match hex {
+            true => Ok(Source::Mesh(Box::new(hexahedra(nodes)?))),
+            false => Ok(Source::OMesh(nodes)),
+        }
+    }
+
     /// Solved directions.
     pub fn dim(&self) -> usize {
         match self {
