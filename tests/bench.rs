@@ -103,7 +103,6 @@ fn answers(options: &[&str]) {
 fn bad_usage_is_told() {
     for (args, message) in [
         (&["bench", "--threads", "0"][..], "--threads 0"),
-        (&["bench", "--steps", "0"], "--steps 0"),
         (&["bench", "--precision", "fp8"], "expected fp32 or bf16"),
         (&["bench", "--nodes", "2"], "expected 9 to"),
         (&["bench", "--model", "/nonexistent"], "/nonexistent"),

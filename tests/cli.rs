@@ -1,6 +1,6 @@
 //! What the command line does with its outputs: closed pipes, full devices, odd names.
 
-use crate::program::{fails, m4gn};
+use crate::program::{fails, m4gn, text};
 use std::fs;
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
@@ -163,6 +163,27 @@ fn figures_replace_no_table_that_they_are_of() {
     command.arg("averages").arg(folder.path().join("a.dat")).args(["--column", "1", "--json"]).arg(&table);
     fails(&command.output().unwrap(), "it would replace what is read");
     assert_eq!(fs::read_to_string(&table).unwrap(), rows);
+}
+
+/// Before any file is looked at.
+#[test]
+fn numbers_out_of_their_range_are_bad_usage() {
+    for (arguments, expected) in [
+        ("averages t --column Cd --confidence 1", "expected a number between 0 and 1"),
+        ("averages t --column Cd --relative 0", "expected a number above 0"),
+        ("bench --steps 0", "at least 1"),
+        ("calibrate --model m --data d --coverage 1.5", "expected a number between 0 and 1"),
+        ("calibrate --model m --data d --starts 0", "at least 1"),
+        ("compare a b --wall-a 0", "expected a number above 0"),
+        ("convert a --out b --count 0", "at least 1"),
+        ("generate deforming-plate --count 1 --out d --poisson 0.5", "from 0 to 0.49"),
+        ("hybrid --out d --end 1e-7", "a time of at least 1e-6 s"),
+        ("validate --model m --data d --horizon nan", "expected a number above 0"),
+    ] {
+        let run = m4gn().args(arguments.split(' ')).output().unwrap();
+        let told = text(&run);
+        assert!(run.status.code() == Some(2) && told.contains(expected), "{arguments}: {told}");
+    }
 }
 
 #[test]

@@ -255,7 +255,6 @@ fn compare_refuses_what_cannot_be_compared() {
     refused(&["--probe-patch", "outlet"], "of a solid");
     refused(&["--from", "0.5"], "took over at 0.5 s");
     refused(&["--from", "3"], "took over at 3 s");
-    refused(&["--wall-a", "0"], "expected a positive number");
     // Another mesh.
     let points =
         "12((0 0 0)(0 1 0)(0 1 1)(0 0 1)(0.4 0 0)(0.4 1 0)(0.4 1 1)(0.4 0 1)(1 0 0)(1 1 0)(1 1 1)(1 0 1))";

@@ -1,5 +1,6 @@
 //! `m4gn averages`: the mean, the fluctuations and the frequency of a column, each with its uncertainty.
 
+use crate::number::{above_zero, share};
 use m4gn_averages::{Estimate, Goal, Tolerance, estimate, table};
 use m4gn_base::{Error, Result, refuse};
 use serde_json::json;
@@ -22,13 +23,13 @@ pub struct Args {
     #[arg(long, value_name = "T", default_value_t = f64::NEG_INFINITY, hide_default_value = true, allow_negative_numbers = true)]
     start: f64,
     /// Probability that an interval holds the true value
-    #[arg(long, value_name = "P", default_value_t = 0.95)]
+    #[arg(long, value_name = "P", default_value_t = 0.95, value_parser = share)]
     confidence: f64,
     /// Largest half-width of the mean's interval when it is settled
-    #[arg(long, value_name = "X", conflicts_with = "relative")]
+    #[arg(long, value_name = "X", conflicts_with = "relative", value_parser = above_zero)]
     tolerance: Option<f64>,
     /// The same over the mean's magnitude
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", value_parser = above_zero)]
     relative: Option<f64>,
     /// Write the figures to this file
     #[arg(long, value_name = "FILE")]
@@ -38,16 +39,8 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// When the table cannot be read, has no such column or too few rows, or an option is out of its range.
+/// When the table cannot be read, has no such column or too few rows, or --json cannot be written.
 pub fn run(args: Args) -> Result<()> {
-    refuse(!(args.confidence > 0.0 && args.confidence < 1.0), Error::Input, || {
-        format!("--confidence {}: expected a number between 0 and 1, without them", args.confidence)
-    })?;
-    for (option, value) in [("--tolerance", args.tolerance), ("--relative", args.relative)] {
-        if let Some(v) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
-            return Err(Error::Input(format!("{option} {v}: expected a positive number")));
-        }
-    }
     refuse(args.start.is_nan(), Error::Input, || "--start NaN: expected a time, s")?;
     let tables = table::files_of(&args.table)?;
     let _claimed = crate::claim_outputs([args.json.as_deref()], tables.iter().map(|t| Some(t.as_path())))?;

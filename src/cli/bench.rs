@@ -1,7 +1,7 @@
 //! `m4gn bench`: what a step of a network costs on this machine.
 
 use crate::output::filled;
-use m4gn_base::{Error, Result, refuse, settings};
+use m4gn_base::{Error, Result, settings};
 use m4gn_data::Trajectory;
 use m4gn_engine::torch::TorchTrial;
 use m4gn_engine::{EngineOptions, Forward, Isa, Phase, Precision};
@@ -62,7 +62,7 @@ pub struct Args {
     #[arg(long, default_value = "native", requires = "worker")]
     backend: String,
     /// Steps to time [default: as many as fit into 4 s, at least five]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = crate::number::count)]
     steps: Option<usize>,
     /// Write the figures to this file
     #[arg(long, value_name = "FILE")]
@@ -99,7 +99,6 @@ pub fn run(args: Args) -> Result<()> {
     if !(1..=MAX_THREADS).contains(&args.threads) {
         return Err(Error::Input(format!("--threads {}: expected 1 to {MAX_THREADS}", args.threads)));
     }
-    refuse(args.steps == Some(0), Error::Input, || "--steps 0: expected a positive number")?;
     let options = EngineOptions {
         n_threads: args.threads,
         precision: settings::read("precision", &args.precision.as_str().into())?,

@@ -1,7 +1,8 @@
 //! `m4gn calibrate`: how the errors of a model's rollouts grow, measured on recorded trajectories.
 
+use crate::number::{count, share};
 use crate::validate::{Progress, SPLITS};
-use m4gn_base::{Error, Result, refuse};
+use m4gn_base::{Error, Result};
 use m4gn_model::{Calibration, Model, Resolution};
 use m4gn_step::SessionOptions;
 use m4gn_workbench::calibrate::{self, Rollout};
@@ -28,13 +29,13 @@ pub struct Args {
     #[arg(long, default_value = "valid", value_parser = SPLITS)]
     split: String,
     /// Longest jump, strides of the model
-    #[arg(long, value_name = "N", default_value_t = 20)]
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = count)]
     strides: usize,
     /// Rollouts on each trajectory, from frames evenly apart
-    #[arg(long, value_name = "N", default_value_t = 20)]
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = count)]
     starts: usize,
     /// Share of the rollouts whose errors are not larger than the estimate [default: 0.95]
-    #[arg(long, value_name = "SHARE", conflicts_with = "check")]
+    #[arg(long, value_name = "SHARE", conflicts_with = "check", value_parser = share)]
     coverage: Option<f64>,
     /// Measure how often the model's own calibration holds here
     #[arg(long, conflicts_with = "out")]
@@ -57,9 +58,6 @@ pub struct Args {
 /// # Errors
 /// When the model does not fit the data, a file cannot be read or written, or there are too few rollouts.
 pub fn run(args: Args) -> Result<()> {
-    for (option, value) in [("--strides", args.strides), ("--starts", args.starts)] {
-        refuse(value == 0, Error::Input, || format!("{option} 0: expected at least 1"))?;
-    }
     let data = Some(&*args.data);
     let _json = crate::claim_outputs([args.json.as_deref()], [data, Some(&*args.model)])?;
     let _out = crate::claim_outputs([args.out.as_deref()], [data])?;

@@ -1,6 +1,7 @@
 //! `m4gn compare`: a hybrid run against the full run.
 
-use m4gn_base::{Error, Result};
+use crate::number::above_zero;
+use m4gn_base::Result;
 use m4gn_workbench::compare::{self, Options};
 use m4gn_workbench::foam_case::FoamCase;
 use std::path::PathBuf;
@@ -30,10 +31,10 @@ pub struct Args {
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     from: Option<f64>,
     /// Wall time of the full run, s [default: from its log.APPLICATION, in whole seconds].
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = above_zero)]
     wall_a: Option<f64>,
     /// Wall time of the hybrid run, s [default: from its log.APPLICATION, in whole seconds].
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = above_zero)]
     wall_b: Option<f64>,
     /// CASE_B may have another mesh: its values are interpolated linearly onto the cells of CASE_A.
     #[arg(long)]
@@ -51,11 +52,6 @@ const PICTURES: usize = 3;
 
 /// Runs the command.
 pub fn run(args: Args) -> Result<()> {
-    for (name, value) in [("--wall-a", args.wall_a), ("--wall-b", args.wall_b)] {
-        if let Some(v) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
-            return Err(Error::Input(format!("{name} {v}: expected a positive number")));
-        }
-    }
     let _claimed = super::claim_outputs(
         [&args.json, &args.html].map(|p| p.as_deref()),
         [Some(&*args.case_a), Some(&*args.case_b)],

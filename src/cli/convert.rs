@@ -36,7 +36,7 @@ pub struct Args {
     #[arg(long, value_name = "NU")]
     poisson: Option<f64>,
     /// Most trajectories that are read
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = crate::number::count)]
     count: Option<usize>,
     /// Of weights: the model that says fields, stride, node types and, where the weights have none, normalisers
     #[arg(long, value_name = "MODEL")]
@@ -69,7 +69,6 @@ enum Kind {
 /// # Errors
 /// When a file cannot be read, makes no trajectory, or cannot be written.
 pub fn run(args: Args) -> Result<()> {
-    refuse(args.count == Some(0), Error::Input, || "--count 0: expected at least 1")?;
     let input = args.input.as_path();
     let ending = input.extension().and_then(|e| e.to_str());
     if matches!(ending, Some("safetensors" | "pt" | "pth")) {

@@ -44,10 +44,10 @@ pub struct Args {
     #[arg(long, value_name = "NAME[=SETTINGS]")]
     baseline: Vec<String>,
     /// The solver is alone before, s [default: the family's]
-    #[arg(long, value_name = "SECONDS", value_parser = super::generate::positive)]
+    #[arg(long, value_name = "SECONDS", value_parser = crate::number::time)]
     takeover: Option<f64>,
     /// End of the runs, s [default: the family's]
-    #[arg(long, value_name = "SECONDS", value_parser = super::generate::positive)]
+    #[arg(long, value_name = "SECONDS", value_parser = crate::number::time)]
     end: Option<f64>,
     /// Folder of the runs and results
     #[arg(long, value_name = "DIR")]

@@ -14,6 +14,7 @@ pub mod convert;
 pub mod generate;
 pub mod hybrid;
 pub mod info;
+mod number;
 pub mod predict;
 mod running;
 pub mod segment;

@@ -28,7 +28,7 @@ pub struct Args {
     #[arg(long, default_value = "all", value_parser = SPLITS)]
     split: String,
     /// Time that RMSE-50 covers, s [default: 50 frames of the data]
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = crate::number::above_zero)]
     horizon: Option<f64>,
     #[command(flatten)]
     running: Running,
@@ -52,9 +52,6 @@ pub const SPLITS: [&str; 4] = ["test", "valid", "train", "all"];
 /// When the model does not fit the data, a file cannot be read, or a rollout becomes non-finite (after the table).
 pub fn run(args: Args) -> Result<()> {
     let options = args.running.options()?;
-    if let Some(h) = args.horizon.filter(|h| !h.is_finite() || *h <= 0.0) {
-        return Err(Error::Input(format!("--horizon {h}: expected a positive time in s")));
-    }
     let _claimed = crate::claim_outputs([args.json.as_deref()], [Some(&*args.model), Some(&*args.data)])?;
     let mut model = Model::read(&args.model)?;
     if let Some(count) = args.segments {

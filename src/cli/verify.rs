@@ -16,7 +16,7 @@ pub struct Args {
     /// Folder of the run
     case: PathBuf,
     /// Largest error of a jump [default: the run's own tolerance]
-    #[arg(long, value_name = "X", value_parser = above_zero)]
+    #[arg(long, value_name = "X", value_parser = crate::number::above_zero)]
     tolerance: Option<f64>,
     /// Make this folder: the case with the solver's own fields in place of the surrogate's
     #[arg(long, value_name = "DIR")]
@@ -30,11 +30,6 @@ pub struct Args {
     /// Write all figures to this file
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-}
-
-fn above_zero(text: &str) -> std::result::Result<f64, String> {
-    let value = text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0);
-    value.ok_or_else(|| "expected a number above 0".into())
 }
 
 /// Runs the command.

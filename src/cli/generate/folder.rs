@@ -24,10 +24,10 @@ struct Args {
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     frames: Option<u32>,
     /// Time between frames, s [default: the family's]
-    #[arg(long, value_name = "SECONDS", value_parser = super::positive)]
+    #[arg(long, value_name = "SECONDS", value_parser = crate::number::time)]
     frame_interval: Option<f64>,
     /// Time of the first frame, s [default: the family's]
-    #[arg(long, value_name = "SECONDS", value_parser = super::positive)]
+    #[arg(long, value_name = "SECONDS", value_parser = crate::number::time)]
     spin_up: Option<f64>,
 }
 

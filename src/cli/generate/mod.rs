@@ -84,14 +84,6 @@ struct Common {
     json: Option<PathBuf>,
 }
 
-pub(crate) fn positive(text: &str) -> std::result::Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(v) if v.is_finite() && v >= 1e-6 => Ok(v),
-        Ok(v) => Err(format!("{v} is not a time of at least 1e-6 s")),
-        Err(e) => Err(e.to_string()),
-    }
-}
-
 /// Runs the command.
 ///
 /// # Errors

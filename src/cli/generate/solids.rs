@@ -1,6 +1,7 @@
 //! `m4gn generate deforming-plate` and `deforming-beam`.
 
-use super::{Common, positive};
+use super::Common;
+use crate::number::{poisson, time};
 use m4gn_base::plugin::homes;
 use m4gn_base::{Error, Result, listed};
 use m4gn_workbench::generate::openfoam::{absolute, one_thread};
@@ -24,15 +25,8 @@ pub(super) struct SolidArgs {
     #[arg(long, default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: u32,
     /// Time between frames, s; it scales velocities and changes nothing else
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.01, value_parser = positive)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.01, value_parser = time)]
     frame_interval: f64,
-}
-
-fn poisson(text: &str) -> std::result::Result<f64, String> {
-    match text.parse() {
-        Ok(ratio) if (0.0..=0.49).contains(&ratio) => Ok(ratio),
-        _ => Err("expected a number from 0 to 0.49".into()),
-    }
 }
 
 /// Makes bodies of a family.
