@@ -124,27 +124,6 @@ impl Source {
         Ok(Source { folder: folder.to_path_buf(), start, end, application, functions })
     }
 
-    /// Whether its times are numbers in `controlDict` itself, and so the same for all parameters.
-    pub fn has_fixed_times(&self) -> bool {
-        let text = files::read_text(self.folder.join("system/controlDict")).unwrap_or_default();
-        let text: String =
-            text.lines().flat_map(|line| [line.split("//").next().unwrap_or_default(), "\n"]).collect();
-        // An include in a dictionary has no times
-        let mut depth = 0;
-        let includes = text.lines().any(|line| {
-            let at_top = depth == 0 && line.trim_start().starts_with("#include");
-            depth += line.matches('{').count() as i32 - line.matches('}').count() as i32;
-            at_top
-        });
-        let is_number = |name: &str| {
-            let values =
-                text.split(';').filter_map(|entry| entry.trim_end().rsplit_once(char::is_whitespace));
-            let mut own = values.filter(|(before, _)| before.trim_end().ends_with(name)).peekable();
-            own.peek().is_some() && own.all(|(_, value)| value.parse::<f64>().is_ok())
-        };
-        !includes && is_number("startTime") && is_number("endTime")
-    }
-
     /// Names in the case's folder that are copied: all but other times, and what runs have left.
     fn contents(&self) -> Result<Vec<String>> {
         let mut found = names(&self.folder)?;
@@ -360,29 +339,6 @@ mod tests {
         ];
         let (_dir, source) = source(&files);
         assert_eq!(source.files().unwrap(), ["0/U", "constant/g", "system/controlDict"]);
-    }
-
-    #[test]
-    fn times_that_depend_on_parameters_are_told_from_numbers() {
-        let (_dir, source) = source(&["system/controlDict"]);
-        let fixed = |end: &str| {
-            let text =
-                format!("FoamFile {{ format ascii; }}\n// endTime 3;\nstartTime 0;\n{end}\ndeltaT 1;\n");
-            fs::write(source.folder.join("system/controlDict"), text).unwrap();
-            source.has_fixed_times()
-        };
-        assert!(fixed("endTime         2.5e1;"));
-        assert!(fixed("endTime 2; // s"));
-        assert!(fixed("functions\n{\n    #include \"forces\"\n}\nendTime 2;"));
-        for end in [
-            "endTime $T;",
-            "endTime #eval{ 20/$Uin };",
-            "#include \"times\"",
-            "endTime 2;\nendTime $T;",
-            "endTime 2;\n#include \"times\"",
-        ] {
-            assert!(!fixed(end), "{end}");
-        }
     }
 
     #[test]

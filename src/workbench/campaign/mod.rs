@@ -71,13 +71,17 @@ fn check_apart(folder: &Path, case: &Path) -> Result<()> {
     refuse(lies_in(folder, case), inside, || "lies in the case: expected a folder outside of it")
 }
 
-/// Refuses a run that would end before it starts.
-fn check_times(settings: &Settings, source: &Source, path: &Path) -> Result<()> {
-    let end = settings.end_time.unwrap_or(source.end);
-    match end > source.start {
-        true => Ok(()),
-        false => Err(Error::file(
-            path,
+/// The case as it is with a row's parameters, on which its times may depend.
+///
+/// # Errors
+/// As [`Source::read`]; [`Error::File`] for a run that would end before it starts.
+fn source_of(s: &Settings, table: &Table, row: &Row, folder: &Path, tools: &Surroundings) -> Result<Source> {
+    let scratch = scratch()?;
+    let source = Source::read(&s.case, scratch.path(), &case::parameters(table, row), tools)?;
+    match s.end_time.unwrap_or(source.end) {
+        end if end > source.start => Ok(source),
+        end => Err(Error::file(
+            folder.join(settings::FILE),
             format!("end_time = {end}: expected a time behind the case's startTime {}", source.start),
         )),
     }
@@ -94,9 +98,8 @@ impl Campaign {
         settings.case = plain_path(&settings.case)?;
         check_apart(&folder, &settings.case)?;
         let table = Table::read(&folder)?;
-        let path = folder.join(settings::FILE);
         if let Some(scale) = settings.scale.as_ref().filter(|s| !table.parameters.contains(s)) {
-            let all = table.parameters.join(", ");
+            let (path, all) = (folder.join(settings::FILE), table.parameters.join(", "));
             return Err(Error::file(path, format!("scale = \"{scale}\": expected a parameter ({all})")));
         }
         let named = settings.prepare.iter().chain([&settings.solver]).map(|c| c[0].as_str());
@@ -105,27 +108,9 @@ impl Campaign {
             named.chain((settings.ranks > 1).then_some("mpirun")).filter(|p| !p.contains('/')).collect();
         environment(&programs)?;
         tools.timeout = Duration::from_secs(settings.time_limit);
-        let scratch = scratch()?;
-        let source =
-            Source::read(&settings.case, scratch.path(), &case::parameters(&table, &table.rows[0]), tools)?;
-        check_times(&settings, &source, &path)?;
+        let source = source_of(&settings, &table, &table.rows[0], &folder, tools)?;
         let (files, places) = (source.digests()?, table.places());
         Ok(Campaign { folder, settings, table, source, files, places })
-    }
-
-    /// The case as it is with a row's parameters, on which its times may depend.
-    ///
-    /// # Errors
-    /// As [`Source::read`].
-    fn source_of(&self, row: &Row, tools: &Surroundings) -> Result<Source> {
-        if self.source.has_fixed_times() {
-            return Ok(self.source.clone());
-        }
-        let scratch = scratch()?;
-        let source =
-            Source::read(&self.settings.case, scratch.path(), &case::parameters(&self.table, row), tools)?;
-        check_times(&self.settings, &source, &self.folder.join(settings::FILE))?;
-        Ok(source)
     }
 
     /// The run of a row.

@@ -5,7 +5,7 @@ use super::plan::Plan;
 use super::record::{self, Cost, DONE, FAILED, Failure, Figure, Record, State};
 use super::settings::Statistic;
 use super::start::{self, Start};
-use super::{Campaign, Unit};
+use super::{Campaign, Unit, source_of};
 use crate::compare::surrogate;
 use crate::generate::case::program;
 use crate::generate::process::{Surroundings, clear, ends, full};
@@ -89,7 +89,7 @@ pub(super) fn stale(folder: &Path, what: &str) -> Error {
 
 fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> Result<Record> {
     let (settings, row) = (&campaign.settings, &campaign.table.rows[unit.row]);
-    let source = campaign.source_of(row, tools)?;
+    let source = source_of(settings, &campaign.table, row, &campaign.folder, tools)?;
     let begin = Instant::now();
     let mut clock = Clock::new()?;
     clear(case)?;
