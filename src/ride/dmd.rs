@@ -6,7 +6,7 @@ use crate::interval::Interval;
 use crate::registry::Making;
 use crate::schedule::Step;
 use crate::settings::Mode;
-use crate::surrogate::{Description, FitReport, Fits, Growth, Resumed, Seen, Start, Surrogate};
+use crate::surrogate::{Description, FitReport, Growth, Resumed, Seen, Start, Surrogate};
 use m4gn_base::{Error, Result};
 use m4gn_dmd::{Combination, OnlineDmd, Outlook, Restored, Settings, Settle, State, relative};
 use m4gn_state::{Array, Layout, Role, Values};
@@ -197,11 +197,11 @@ impl Surrogate for DmdSurrogate {
         strides
     }
 
-    fn fits(&self) -> Option<&dyn Fits> {
+    fn fits(&self) -> Option<&DmdSurrogate> {
         Some(self)
     }
 
-    fn fits_mut(&mut self) -> Option<&mut dyn Fits> {
+    fn fits_mut(&mut self) -> Option<&mut DmdSurrogate> {
         Some(self)
     }
 
@@ -254,24 +254,30 @@ impl Surrogate for DmdSurrogate {
     }
 }
 
-impl Fits for DmdSurrogate {
-    fn rules(&self) -> &DmdSettings {
+/// What a ride asks of a fit. When it is fitted, used and dropped is decided in [`crate::fit_control`].
+impl DmdSurrogate {
+    /// By what rules that is decided.
+    pub(crate) fn rules(&self) -> &DmdSettings {
         match self.online.fitted() {
             Some(fit) if fit.model.inputs() > 0 => &self.driven,
             _ => &self.settings,
         }
     }
 
-    fn wants(&self, step: &Step) -> bool {
+    /// Whether the state after this step of the solver is wanted.
+    pub(crate) fn wants(&self, step: &Step) -> bool {
         self.other_interval(step.delta_t).is_some() || self.online.wants(step.time, step.delta_t)
     }
 
-    fn stepped(&mut self, step: &Step) {
+    /// The solver has made this step, whose state is taken, if it was wanted.
+    pub(crate) fn stepped(&mut self, step: &Step) {
         self.delta_t = step.delta_t;
         self.now.interval.step(step.delta_t);
     }
 
-    fn observe(&mut self, step: &Step, state: &[&[f64]], cuts: bool) -> Result<Seen> {
+    /// Takes the state after a step of the solver. `cuts`: a stride may begin here that cuts the start-up short. [`Error::Input`] for a state
+    /// that does not fit.
+    pub(crate) fn observe(&mut self, step: &Step, state: &[&[f64]], cuts: bool) -> Result<Seen> {
         let interval = self.other_interval(step.delta_t);
         if let Some(interval) = interval {
             self.online.begin_anew(interval, step.time);
@@ -301,21 +307,25 @@ impl Fits for DmdSurrogate {
         Ok(Seen { interval, period, snapshots, contiguous: self.online.usable(), error, wave })
     }
 
-    fn cuts(&self) -> bool {
+    /// Whether a stride is due that changes the state: the start-up is cut short.
+    pub(crate) fn cuts(&self) -> bool {
         self.now.cut.is_some()
     }
 
-    fn leave_uncut(&mut self) {
+    /// That stride is not taken.
+    pub(crate) fn leave_uncut(&mut self) {
         if self.now.cut.take().is_some() {
             self.release();
         }
     }
 
-    fn waits(&self) -> bool {
+    /// Whether the start-up is being cut short, so that no jump in time is to come in between.
+    pub(crate) fn waits(&self) -> bool {
         self.settings.cut_transient && self.now.settle.waits()
     }
 
-    fn fit(&mut self) -> Option<FitReport> {
+    /// Fits the last snapshots; none where there are too few without a gap, or nothing varies.
+    pub(crate) fn fit(&mut self) -> Option<FitReport> {
         self.online.fit()?;
         let modes = self.online.modes();
         let fit = self.online.fitted()?;
@@ -342,43 +352,41 @@ impl Fits for DmdSurrogate {
         })
     }
 
-    fn asks(&self, duration: f64) -> Vec<f64> {
-        self.asked(duration)
-    }
-
-    fn foresee(&mut self, later: f64, values: &Values) {
-        self.foreseen(later, values);
-    }
-
-    fn drop_fit(&mut self) {
+    /// Drops the fit.
+    pub(crate) fn drop_fit(&mut self) {
         self.online.forget();
     }
 
-    fn has_fit(&self) -> bool {
+    /// Whether there is one.
+    pub(crate) fn has_fit(&self) -> bool {
         self.online.fitted().is_some()
     }
 
-    /// At the step at which a snapshot came, or that a jump ended with: predictions begin from there.
-    fn is_ready(&self, time: f64) -> bool {
+    /// Whether a stride can be taken from the state at this time, s: that of the step at which a snapshot came, or that a jump ended with.
+    pub(crate) fn is_ready(&self, time: f64) -> bool {
         let here = (time - self.now.begin).abs() < 1e-6 * self.description.stride;
         here && self.has_fit() && self.online.outlook().is_some()
     }
 
-    fn least_changes(&self) -> Vec<f64> {
+    /// Of each array that it advances the least change that errors are over, root mean square over nodes and solved components.
+    pub(crate) fn least_changes(&self) -> Vec<f64> {
         let all = self.online.least_changes();
         self.description.advances.iter().map(|&array| all[self.own(array)]).collect()
     }
 
-    fn seconds_a_snapshot(&self) -> f64 {
+    /// Wall time that each snapshot adds to a stride, s. Collective.
+    pub(crate) fn seconds_a_snapshot(&self) -> f64 {
         self.online.seconds_a_state()
     }
 
-    fn begin_rollout(&mut self) {
+    /// A rollout beside the solver begins at the present state, with the stride that [`Surrogate::predict`] takes from it.
+    pub(crate) fn begin_rollout(&mut self) {
         self.rollout = self.online.outlook().map(|outlook| (outlook, self.now.offset));
         self.online.hold(self.rollout.as_ref().map(|(outlook, _)| outlook));
     }
 
-    fn follow(&mut self, stride: usize, next: &mut Values) -> Result<()> {
+    /// One of its further strides, the second or a later one. [`Error::Numerical`] for a result that must not be used.
+    pub(crate) fn follow(&mut self, stride: usize, next: &mut Values) -> Result<()> {
         let Some((outlook, offset)) = &self.rollout else {
             return Err(Error::Numerical("dmd has no rollout to go on with".into()));
         };
@@ -386,11 +394,8 @@ impl Fits for DmdSurrogate {
         self.put(&prediction, next)
     }
 
-    fn wave(&self, wave: usize, part: usize, array: usize) -> Option<Vec<f64>> {
-        self.part_of_wave(wave, part, array)
-    }
-
-    fn earlier(&self, before: f64, out: &mut [&mut [f64]]) -> Result<()> {
+    /// All arrays of the state so many seconds before the present one of a jump. [`Error::Input`] where nothing was predicted.
+    pub(crate) fn earlier(&self, before: f64, out: &mut [&mut [f64]]) -> Result<()> {
         if !(before.is_finite() && before >= 0.0) {
             return Err(Error::Input(format!(
                 "dmd: an old level {before} s before the present: expected 0 s or more"

@@ -48,8 +48,9 @@ impl DmdSurrogate {
         Ok(())
     }
 
-    /// As [`Fits::wave`](crate::surrogate::Fits::wave). Of an array that stays above a floor the sum of both does.
-    pub(super) fn part_of_wave(&self, wave: usize, part: usize, array: usize) -> Option<Vec<f64>> {
+    /// In an array of the state what does not oscillate now (`part` 0), what a wave, from 0, the largest first, adds (1), and a quarter of its
+    /// period before (2); of an array that stays above a floor the sum of both does. None: there is no such wave.
+    pub(crate) fn wave(&self, wave: usize, part: usize, array: usize) -> Option<Vec<f64>> {
         let mode = self.online.modes().into_iter().filter(|m| m.frequency > 0.0).nth(wave)?;
         let states = self.online.mode(mode.number, self.now.offset + self.now.ahead)?;
         let values = |state: &Combination| {

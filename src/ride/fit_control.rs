@@ -5,10 +5,11 @@
 //! lets the next one be longer; one that agrees to the tolerance lets it be shorter; else the solver goes on until a new fit holds.
 
 use crate::decisions::Decisions;
+use crate::dmd::DmdSurrogate;
 use crate::dmd_settings::DmdSettings;
 use crate::interval::LEAST_ENERGY;
 use crate::schedule::Step;
-use crate::surrogate::{Cut, FitReport, Fits, Wave};
+use crate::surrogate::{Cut, FitReport, Wave};
 use crate::tables::Digits;
 use m4gn_base::Result;
 use m4gn_dmd::Mode;
@@ -55,7 +56,7 @@ impl FitControl {
     }
 
     /// Strides that the fit may jump, `most` at most.
-    pub fn allows(&self, fits: &dyn Fits, most: usize) -> usize {
+    pub fn allows(&self, fits: &DmdSurrogate, most: usize) -> usize {
         match fits.has_fit() {
             true => most.min(self.length as usize),
             false => 0,
@@ -64,7 +65,7 @@ impl FitControl {
 
     /// Whether the solver is to go on where another surrogate would jump: that one has jumped as far as a window is long, and a window of the
     /// solver's own states must come before a fit can hold.
-    pub fn wants_solver(&self, fits: &dyn Fits) -> bool {
+    pub fn wants_solver(&self, fits: &DmdSurrogate) -> bool {
         !fits.has_fit() && self.jumped_by_others >= fits.rules().window() as f64
     }
 
@@ -81,7 +82,7 @@ impl FitControl {
     /// Takes the state after a step of the solver; `cuts`: a stride may begin here that cuts the start-up short. Says what came of it. Collective.
     pub fn observe(
         &mut self,
-        fits: &mut dyn Fits,
+        fits: &mut DmdSurrogate,
         step: &Step,
         (state, cuts): (&[&[f64]], bool),
         decisions: &mut Decisions,
@@ -125,7 +126,7 @@ impl FitControl {
     }
 
     /// Tries a fit. Says what came of it.
-    fn fit(&mut self, fits: &mut dyn Fits, step: &Step, decisions: &mut Decisions) -> String {
+    fn fit(&mut self, fits: &mut DmdSurrogate, step: &Step, decisions: &mut Decisions) -> String {
         self.tried = 0;
         let Some(report) = fits.fit() else {
             self.jumped_by_others = 0.0;
@@ -215,7 +216,7 @@ impl FitControl {
     /// Takes up the error of a stride that the fit predicted. Says what came of it.
     fn compare(
         &mut self,
-        fits: &mut dyn Fits,
+        fits: &mut DmdSurrogate,
         step: &Step,
         (error, jumped): (f64, bool),
         decisions: &mut Decisions,

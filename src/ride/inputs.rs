@@ -18,15 +18,15 @@ impl DmdSurrogate {
         rounded(self.now.offset + self.now.ahead + later / self.description.stride)
     }
 
-    /// See [`Fits::asks`](crate::surrogate::Fits::asks).
-    pub(crate) fn asked(&self, duration: f64) -> Vec<f64> {
+    /// The times from now on, s, at which it has to [foresee](Self::foresee) what is prescribed before it predicts the state so much later.
+    pub(crate) fn asks(&self, duration: f64) -> Vec<f64> {
         let here = self.strides(0.0);
         let asked = self.online.asks(self.strides(duration)).into_iter();
         asked.map(|s| (s - here) * self.description.stride).collect()
     }
 
-    /// See [`Fits::foresee`](crate::surrogate::Fits::foresee). Collective.
-    pub(crate) fn foreseen(&mut self, later: f64, values: &Values) {
+    /// The prescribed arrays a time from now on, s. Collective.
+    pub(crate) fn foresee(&mut self, later: f64, values: &Values) {
         let fields: Vec<&[f64]> = self.places.iter().map(|&i| values[i].as_slice()).collect();
         self.online.foresee(self.strides(later), &fields);
     }

@@ -53,4 +53,4 @@ pub use ride::{Ahead, Host, Ride};
 pub use saved::host_of;
 pub use schedule::Step;
 pub use settings::{Mode, RideSettings};
-pub use surrogate::{Description, FitReport, Fits, Growth, Resumed, Seen, Start, Surrogate};
+pub use surrogate::{Description, Growth, Resumed, Start, Surrogate};

@@ -1,7 +1,7 @@
 //! What may take the solver's place for a while: a network, a fit of the run's own states, or anything else that advances arrays of the
 //! state by strides. One file and one line of [`KINDS`](crate::registry::KINDS) add another.
 
-use crate::dmd_settings::DmdSettings;
+use crate::dmd::DmdSurrogate;
 use crate::schedule::Step;
 use m4gn_base::Result;
 use m4gn_dmd::Mode;
@@ -96,12 +96,12 @@ pub trait Surrogate {
     }
 
     /// It as a fit of the run's own states, where it is one.
-    fn fits(&self) -> Option<&dyn Fits> {
+    fn fits(&self) -> Option<&DmdSurrogate> {
         None
     }
 
     /// The same, to be changed.
-    fn fits_mut(&mut self) -> Option<&mut dyn Fits> {
+    fn fits_mut(&mut self) -> Option<&mut DmdSurrogate> {
         None
     }
 
@@ -200,75 +200,4 @@ impl FitReport {
             (n, _) => format!("{n} inputs"),
         }
     }
-}
-
-/// A surrogate that is fitted to the run's own states. When it is fitted, used and dropped is decided elsewhere
-/// ([`crate::fit_control`]).
-pub trait Fits {
-    /// By what rules that is decided.
-    fn rules(&self) -> &DmdSettings;
-
-    /// Whether the state after this step of the solver is wanted.
-    fn wants(&self, step: &Step) -> bool;
-
-    /// The solver has made this step, whose state is taken, if it was wanted.
-    fn stepped(&mut self, step: &Step);
-
-    /// Takes the state after a step of the solver. `cuts`: a stride may begin here that cuts the start-up short.
-    ///
-    /// # Errors
-    /// [`Error::Input`](m4gn_base::Error::Input) for a state that does not fit.
-    fn observe(&mut self, step: &Step, state: &[&[f64]], cuts: bool) -> Result<Seen>;
-
-    /// Whether a stride is due that changes the state: the start-up is cut short.
-    fn cuts(&self) -> bool;
-
-    /// That stride is not taken.
-    fn leave_uncut(&mut self);
-
-    /// Whether the start-up is being cut short, so that no jump in time is to come in between.
-    fn waits(&self) -> bool;
-
-    /// Fits the last snapshots; none where there are too few without a gap, or nothing varies.
-    fn fit(&mut self) -> Option<FitReport>;
-
-    /// The times from now on, s, at which it has to [foresee](Self::foresee) what is prescribed before it predicts the state so much later.
-    fn asks(&self, duration: f64) -> Vec<f64>;
-
-    /// The prescribed arrays a time from now on, s. Collective.
-    fn foresee(&mut self, later: f64, values: &Values);
-
-    /// Drops the fit.
-    fn drop_fit(&mut self);
-
-    /// Whether there is one.
-    fn has_fit(&self) -> bool;
-
-    /// Whether a stride can be taken from the state at this time, s.
-    fn is_ready(&self, time: f64) -> bool;
-
-    /// Of each array that it advances the least change that errors are over, root mean square over nodes and solved components.
-    fn least_changes(&self) -> Vec<f64>;
-
-    /// Wall time that each snapshot adds to a stride, s. Collective.
-    fn seconds_a_snapshot(&self) -> f64;
-
-    /// A rollout beside the solver begins at the present state, with the stride that [`Surrogate::predict`] takes from it.
-    fn begin_rollout(&mut self);
-
-    /// One of its further strides, the second or a later one.
-    ///
-    /// # Errors
-    /// [`Error::Numerical`](m4gn_base::Error::Numerical) for a result that must not be used.
-    fn follow(&mut self, stride: usize, next: &mut Values) -> Result<()>;
-
-    /// Of the fit in use, in an array of the state: what does not oscillate now (`part` 0), what a wave, from 0, the largest first, adds (1), and a quarter
-    /// of its period before (2). None: there is no such wave.
-    fn wave(&self, wave: usize, part: usize, array: usize) -> Option<Vec<f64>>;
-
-    /// All arrays of the state so many seconds before the present one of a jump.
-    ///
-    /// # Errors
-    /// [`Error::Input`](m4gn_base::Error::Input) where nothing was predicted.
-    fn earlier(&self, before: f64, out: &mut [&mut [f64]]) -> Result<()>;
 }
