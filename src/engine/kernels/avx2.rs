@@ -41,18 +41,14 @@ impl Simd for Avx2 {
         // The instructions for minimum and maximum give their second operand where either is NaN.
         at_most(v: Pair, limit: Pair) -> Pair { [_mm256_min_ps(limit[0], v[0]), _mm256_min_ps(limit[1], v[1])] }
         at_least(v: Pair, limit: Pair) -> Pair { [_mm256_max_ps(limit[0], v[0]), _mm256_max_ps(limit[1], v[1])] }
+        load_bf16(p: *const Bf16) -> Pair { [widen(_mm_loadu_si128(p.cast())), widen(_mm_loadu_si128(p.add(8).cast()))] }
+        reciprocal(v: Pair) -> Pair { [_mm256_div_ps(_mm256_set1_ps(1.0), v[0]), _mm256_div_ps(_mm256_set1_ps(1.0), v[1])] }
     }
 
     #[inline(always)]
     unsafe fn store(p: *mut f32, v: Pair) {
         _mm256_storeu_ps(p, v[0]);
         _mm256_storeu_ps(p.add(8), v[1]);
-    }
-
-    #[inline(always)]
-    unsafe fn load_bf16(p: *const Bf16) -> Pair {
-        let p = p.cast::<__m128i>();
-        [widen(_mm_loadu_si128(p)), widen(_mm_loadu_si128(p.add(1)))]
     }
 
     #[inline(always)]
@@ -69,12 +65,6 @@ impl Simd for Avx2 {
             _mm256_and_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(v[0], zero), then[0]),
             _mm256_and_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(v[1], zero), then[1]),
         ]
-    }
-
-    #[inline(always)]
-    unsafe fn reciprocal(v: Pair) -> Pair {
-        let one = _mm256_set1_ps(1.0);
-        [_mm256_div_ps(one, v[0]), _mm256_div_ps(one, v[1])]
     }
 
     #[inline(always)]

@@ -17,6 +17,10 @@ impl<const PAIRS: bool> Simd for Avx512<PAIRS> {
     lines! {
         splat(x: f32) -> __m512 { _mm512_set1_ps(x) }
         load(p: *const f32) -> __m512 { _mm512_loadu_ps(p) }
+        store(p: *mut f32, v: __m512) -> () { _mm512_storeu_ps(p, v) }
+        load_bf16(p: *const Bf16) -> __m512 {
+            _mm512_castsi512_ps(_mm512_slli_epi32::<16>(_mm512_cvtepu16_epi32(_mm256_loadu_si256(p.cast()))))
+        }
         add(a: __m512, b: __m512) -> __m512 { _mm512_add_ps(a, b) }
         sub(a: __m512, b: __m512) -> __m512 { _mm512_sub_ps(a, b) }
         mul(a: __m512, b: __m512) -> __m512 { _mm512_mul_ps(a, b) }
@@ -24,17 +28,12 @@ impl<const PAIRS: bool> Simd for Avx512<PAIRS> {
         // The instructions for minimum and maximum give their second operand where either is NaN.
         at_most(v: __m512, limit: __m512) -> __m512 { _mm512_min_ps(limit, v) }
         at_least(v: __m512, limit: __m512) -> __m512 { _mm512_max_ps(limit, v) }
-    }
-
-    #[inline(always)]
-    unsafe fn store(p: *mut f32, v: __m512) {
-        _mm512_storeu_ps(p, v)
-    }
-
-    #[inline(always)]
-    unsafe fn load_bf16(p: *const Bf16) -> __m512 {
-        let narrow = _mm256_loadu_si256(p.cast());
-        _mm512_castsi512_ps(_mm512_slli_epi32::<16>(_mm512_cvtepu16_epi32(narrow)))
+        where_positive(v: __m512, then: __m512) -> __m512 {
+            _mm512_maskz_mov_ps(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(v, _mm512_setzero_ps()), then)
+        }
+        power_of_two(v: __m512) -> __m512 {
+            _mm512_castsi512_ps(_mm512_add_epi32(_mm512_slli_epi32::<23>(_mm512_castps_si512(v)), _mm512_set1_epi32(0x3f80_0000)))
+        }
     }
 
     #[inline(always)]
@@ -54,23 +53,11 @@ impl<const PAIRS: bool> Simd for Avx512<PAIRS> {
     }
 
     #[inline(always)]
-    unsafe fn where_positive(v: __m512, then: __m512) -> __m512 {
-        let positive = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(v, _mm512_setzero_ps());
-        _mm512_maskz_mov_ps(positive, then)
-    }
-
-    #[inline(always)]
     unsafe fn reciprocal(v: __m512) -> __m512 {
         // 14 bits, doubled by a step of Newton's method.
         let r = _mm512_rcp14_ps(v);
         let error = _mm512_fnmadd_ps(v, r, _mm512_set1_ps(1.0));
         _mm512_fmadd_ps(r, error, r)
-    }
-
-    #[inline(always)]
-    unsafe fn power_of_two(v: __m512) -> __m512 {
-        let n = _mm512_slli_epi32::<23>(_mm512_castps_si512(v));
-        _mm512_castsi512_ps(_mm512_add_epi32(n, _mm512_set1_epi32(0x3f80_0000)))
     }
 
     #[inline(always)]

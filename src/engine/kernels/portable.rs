@@ -36,22 +36,9 @@ impl Simd for Portable {
         where_positive(v: Lanes, then: Lanes) -> Lanes { each(|i| if v[i] > 0.0 { then[i] } else { 0.0 }) }
         reciprocal(v: Lanes) -> Lanes { v.map(|v| 1.0 / v) }
         power_of_two(v: Lanes) -> Lanes { v.map(|v| f32::from_bits((v.to_bits() << 23).wrapping_add(0x3f80_0000))) }
-    }
-
-    #[inline(always)]
-    unsafe fn store(p: *mut f32, v: Lanes) {
-        p.cast::<Lanes>().write(v)
-    }
-
-    #[inline(always)]
-    unsafe fn load_bf16(p: *const Bf16) -> Lanes {
-        let narrow = p.cast::<[Bf16; LANES]>().read();
-        each(|i| narrow[i].to_f32())
-    }
-
-    #[inline(always)]
-    unsafe fn store_bf16(p: *mut Bf16, v: Lanes) {
-        p.cast::<[Bf16; LANES]>().write(v.map(Bf16::from_f32))
+        store(p: *mut f32, v: Lanes) -> () { p.cast::<Lanes>().write(v) }
+        load_bf16(p: *const Bf16) -> Lanes { p.cast::<[Bf16; LANES]>().read().map(Bf16::to_f32) }
+        store_bf16(p: *mut Bf16, v: Lanes) -> () { p.cast::<[Bf16; LANES]>().write(v.map(Bf16::from_f32)) }
     }
 
     #[inline(always)]
