@@ -7,7 +7,7 @@ use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
 use m4gn_model::{Model, Output};
 use m4gn_parallel::Comm;
-use m4gn_step::{Field, FieldMut, OutputShape, Session, SessionOptions};
+use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use std::ffi::{CString, c_char};
 use std::sync::Arc;
 
@@ -137,7 +137,7 @@ impl SessionHandle {
                                 field.name
                             )));
                         }
-                        outputs.push((OutputShape { name: &field.name, components, len }, next[i]));
+                        outputs.push((&field.name[..], components, len, next[i]));
                     }
                 }
                 Ok((fields, outputs, obstacle))
@@ -147,13 +147,12 @@ impl SessionHandle {
         if let Some((now, after)) = obstacle {
             self.session.set_obstacle(now, after)?;
         }
-        let checked = self.session.check_outputs(outputs.iter().map(|(shape, _)| *shape));
-        self.session.advance(&fields, checked)?;
+        self.session.advance(&fields, Ok(()))?;
         drop(fields);
-        for (shape, cells) in outputs {
+        for (name, components, len, cells) in outputs {
             // SAFETY: not null (checked above), of this length by the header; no other reference lives.
-            let cells = unsafe { pointers::slice_mut(shape.name, cells, shape.len)? };
-            self.session.write(&mut FieldMut { name: shape.name, components: shape.components, cells });
+            let cells = unsafe { pointers::slice_mut(name, cells, len)? };
+            self.session.write(&mut FieldMut { name, components, cells });
         }
         Ok(())
     }

@@ -26,17 +26,6 @@ pub struct FieldMut<'a> {
     pub cells: &'a mut [f64],
 }
 
-/// What an output array is, without the array.
-#[derive(Clone, Copy, Debug)]
-pub struct OutputShape<'a> {
-    /// Name, as in the model.
-    pub name: &'a str,
-    /// 1 or 3.
-    pub components: usize,
-    /// Number of values.
-    pub len: usize,
-}
-
 /// Whether an array of field `name` is as the model and the mesh want it, `n` rows.
 ///
 /// # Errors

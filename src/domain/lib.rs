@@ -15,7 +15,7 @@ mod kind;
 pub use body::MeshEdge;
 pub use boundary::{Boundary, as_seen, faces_seen_as_their_cells, impose};
 pub use components::Components;
-pub use field::{Field, FieldMut, OutputShape, expect_shape};
+pub use field::{Field, FieldMut, expect_shape};
 pub use host::{Host, HostOptions, Hosted, Predict, fits, open};
 pub use kind::{Kind, Statistics, check_kind, moves, operator, shared};
 

@@ -8,7 +8,7 @@ mod options;
 mod outputs;
 mod stepper;
 
-pub use m4gn_domain::{Field, FieldMut, OutputShape};
+pub use m4gn_domain::{Field, FieldMut};
 pub use opening::read_model;
 pub use options::{Backend, SessionOptions};
 pub use stepper::Stepper;
@@ -94,9 +94,7 @@ impl Session {
     /// [`Error::Input`] for fields that are missing or have other components or lengths; [`Error::Numerical`] for
     /// values that are not finite, going in or coming out.
     pub fn step(&mut self, fields: &[Field], out: &mut [FieldMut]) -> Result<()> {
-        let shapes =
-            out.iter().map(|o| OutputShape { name: o.name, components: o.components, len: o.cells.len() });
-        let checked = self.check_outputs(shapes);
+        let checked = self.check_outputs(out);
         self.advance(fields, checked)?;
         for o in out {
             self.write(o);
