@@ -1,10 +1,6 @@
 //! Fuzz targets: tables over time, and what is made of their columns; the series of a run that carries on.
-#![allow(unsafe_code)]
 
-#[path = "../fuzzing/mod.rs"]
-mod fuzzing;
-
-use fuzzing::fuzz;
+use crate::fuzzing::fuzz;
 use m4gn_averages::{Goal, Row, Watch, estimate, saved, table};
 
 #[test]

@@ -1,12 +1,7 @@
 //! Fuzz targets: data sets of others.
-#![allow(unsafe_code)]
 
-#[path = "../fuzzing/mod.rs"]
-mod fuzzing;
-#[path = "../samples/records.rs"]
-mod records;
-
-use fuzzing::{Random, fuzz};
+use crate::fuzzing::{Random, fuzz};
+use crate::records;
 use m4gn_exchange::import::{Options, import};
 use m4gn_exchange::{Array, npz};
 use std::path::Path;

@@ -1,9 +1,6 @@
-//! Fuzz targets: a family's description, the file of a study, and the files of a campaign. See `tests/fuzzing/mod.rs` of the repository.
+//! Fuzz targets: a family's description, the file of a study, and the files of a campaign.
 
-#[path = "../fuzzing/mod.rs"]
-mod fuzzing;
-
-use fuzzing::{Random, fuzz};
+use crate::fuzzing::{Random, fuzz};
 use m4gn_train::config::Config;
 use m4gn_workbench::campaign::{dakota, order, record, sampling, settings, table};
 use m4gn_workbench::generate::family::Family;

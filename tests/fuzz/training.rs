@@ -1,9 +1,6 @@
-//! Fuzz targets: the files of a training. See `tests/fuzzing/mod.rs` of the repository.
+//! Fuzz targets: the files of a training.
 
-#[path = "../fuzzing/mod.rs"]
-mod fuzzing;
-
-use fuzzing::fuzz;
+use crate::fuzzing::fuzz;
 use m4gn_learn::normaliser::{Moments, Normaliser};
 use m4gn_train::checkpoint::{Checkpoint, Progress, VERSION};
 use m4gn_train::config::Config;
