@@ -37,7 +37,8 @@ expect_silence 'was trained on'
 expect_error 'solid.E: expected the lowest and the highest value, found \[2, 1\]' "$good solid { E (2 1); }"
 cp ../D 0/D
 
-# Two ranks say what one does.
+# Two ranks say what one does, in the first time step.
+control endTime 0.01
 sed 's/value 1000;/value 2000;/' ../properties > $properties
 clean_case
 surrogate "$good"
