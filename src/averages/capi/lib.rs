@@ -15,6 +15,8 @@ struct Quantity {
     of_rms: bool,
     watch: Watch,
     last: Option<Estimate>,
+    /// Whether the value that came last was not finite: rows end there, and the run may have diverged.
+    broken_off: bool,
 }
 
 /// `m4gn_averages`.
@@ -146,6 +148,7 @@ pub unsafe extern "C" fn m4gn_averages_add(
         of_rms: of_rms != 0,
         watch: Watch::new(averages.confidence, goal),
         last: None,
+        broken_off: false,
     });
 }
 
@@ -182,8 +185,9 @@ pub unsafe extern "C" fn m4gn_averages_push(
 ) -> i32 {
     // SAFETY: the caller's contract.
     let found = unsafe { averages.as_mut() }.and_then(|a| a.all.get_mut(series));
-    let row = Row { time, value, weight, surrogate: surrogate != 0 };
-    i32::from(!found.is_some_and(|quantity| quantity.watch.series.push(row)))
+    let Some(quantity) = found else { return 1 };
+    quantity.broken_off = !value.is_finite();
+    i32::from(!quantity.watch.series.push(Row { time, value, weight, surrogate: surrogate != 0 }))
 }
 
 /// `m4gn_averages_due`.
@@ -228,7 +232,7 @@ pub unsafe extern "C" fn m4gn_averages_check(
         independent_samples: found.independent_samples,
         surrogate_share: found.surrogate_share,
         rows: found.rows as i64,
-        settled: i32::from(quantity.watch.settled()),
+        settled: i32::from(quantity.watch.settled() && !quantity.broken_off),
         drifts: i32::from(found.mean_drifts),
     };
     0
@@ -247,7 +251,7 @@ pub unsafe extern "C" fn m4gn_averages_line(
 ) {
     // SAFETY: the caller's contract.
     let found = unsafe { averages.as_ref() }.and_then(|a| Some((a.all.get(series)?, a.confidence)));
-    let line = match found {
+    let mut line = match found {
         Some((Quantity { name, last: Some(e), of_rms, .. }, confidence)) => {
             if *of_rms {
                 e.rms_line(name, confidence)
@@ -260,6 +264,9 @@ pub unsafe extern "C" fn m4gn_averages_line(
         }
         None => String::new(),
     };
+    if found.is_some_and(|(quantity, _)| quantity.broken_off) {
+        line += ", the last value is not finite";
+    }
     // SAFETY: the caller's contract.
     unsafe { put(&line, to, size) };
 }
@@ -356,6 +363,14 @@ mod tests {
             assert_eq!(m4gn_averages_load(b, path.as_ptr(), why.as_mut_ptr(), why.len()), 0);
             assert_eq!(m4gn_averages_check(b, 0, &mut figures), 0);
             assert_eq!((figures.rows, figures.settled), (500, 1), "the second check in a row");
+            assert_eq!(m4gn_averages_push(b, 0, 10.02, f64::NAN, 0.02, 0), 1);
+            assert_eq!(m4gn_averages_check(b, 0, &mut figures), 0);
+            assert_eq!((figures.rows, figures.settled), (500, 0), "a run that has diverged knows nothing");
+            m4gn_averages_line(b, 0, why.as_mut_ptr(), why.len());
+            assert!(text(why.as_ptr()).ends_with(", the last value is not finite"), "{}", text(why.as_ptr()));
+            assert_eq!(m4gn_averages_push(b, 0, 10.04, 0.0, 0.02, 0), 0);
+            m4gn_averages_line(b, 0, why.as_mut_ptr(), why.len());
+            assert!(!text(why.as_ptr()).contains("finite"), "{}", text(why.as_ptr()));
             let c = m4gn_averages_new(0.9);
             m4gn_averages_add(c, c"Cd".as_ptr(), c"forces Cd none".as_ptr(), 0.05, 1, 0);
             m4gn_averages_add(c, c"Cl".as_ptr(), c"forces Cl none".as_ptr(), 0.1, 1, 1);

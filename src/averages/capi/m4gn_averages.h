@@ -31,7 +31,8 @@ typedef struct
     //- Share of the time after the transient, 0 to 1
     double surrogate_share;
     int64_t rows;
-    //- Is what is asked for known, by the last two checks?
+    //- Is what is asked for known, by the last two checks? Not where the value
+    //  that came last is not finite.
     int32_t settled;
     //- Does the mean drift?
     int32_t drifts;
