@@ -116,3 +116,26 @@ fn null_handles_and_pointers_are_errors() {
         assert_eq!(m4gn_abi_version(), ABI_VERSION);
     }
 }
+
+#[test]
+fn a_surrogate_of_the_host_names_each_field_once() {
+    unsafe extern "C" fn step(_: *mut std::ffi::c_void, _: *const *const f64, _: *const *mut f64) -> i32 {
+        0
+    }
+    let layout = m4gn_state::Layout::new(vec![m4gn_state::Array::solved("U", 1, vec![1.0; 4])]).unwrap();
+    let made = |names: &[*const std::ffi::c_char]| {
+        let own = SurrogateData {
+            name: c"own".as_ptr(),
+            stride: 0.1,
+            n_fields: names.len() as i32,
+            fields: names.as_ptr(),
+            step: Some(step),
+            data: std::ptr::null_mut(),
+        };
+        // SAFETY: strings, and an array of as many, that live through the call.
+        unsafe { user_surrogate::UserSurrogate::new(&own, m4gn_parallel::Comm::serial(), &layout) }
+    };
+    assert!(made(&[c"U".as_ptr()]).is_ok());
+    let twice = made(&[c"U".as_ptr(), c"U".as_ptr()]).err().unwrap().to_string();
+    assert!(twice.contains("'U' is no array") && twice.contains("named twice"), "{twice}");
+}

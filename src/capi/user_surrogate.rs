@@ -43,12 +43,13 @@ impl UserSurrogate {
             let text = |&name: &*const c_char| pointers::text("own.fields", name);
             (own, pointers::text("own.name", own.name)?, names.iter().map(text).collect::<Result<Vec<_>>>()?)
         };
-        let mut advances = Vec::new();
+        let mut advances: Vec<usize> = Vec::new();
         for field in &names {
-            let array = layout.at_nodes(field).filter(|&i| layout.arrays()[i].is_measured());
+            let new = |i: &usize| layout.arrays()[*i].is_measured() && !advances.contains(i);
+            let array = layout.at_nodes(field).filter(new);
             advances.push(array.ok_or_else(|| {
                 Error::Input(format!(
-                    "own: fields: '{field}' is no array of the state that is solved, or follows"
+                    "own: fields: '{field}' is no array of the state that is solved, or follows, or is named twice"
                 ))
             })?);
         }
