@@ -262,10 +262,12 @@ fn figures(campaign: &Campaign, case: &Path, log: &Path) -> Result<(BTreeMap<Str
         };
         let Some((value, half_width)) = found else {
             return Err(Error::Numerical(format!(
-                "{} has no finite figure of {} in {}: the run diverged, or had fewer than 16 time steps; expected a run whose series has a variance",
+                "{} has no finite figure of {} in {}: the run diverged, or {} published fewer than 16 values; expected a run whose series has a variance. \
+                 With writeControl writeTime a function object publishes once, as a run writes its last state alone: give it writeControl timeStep",
                 log.display(),
                 q.name,
-                path.display()
+                path.display(),
+                q.function_object
             )));
         };
         let own = of("frequency").filter(|f| *f > 0.0).map(|f| 1.0 / f);
