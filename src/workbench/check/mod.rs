@@ -27,6 +27,9 @@ use verdict::{End, Verdict};
 /// Name of the function object that checks.
 const NAME: &str = "m4gnCheck";
 
+/// What it is called in texts for people.
+const CALLED: &str = "surrogate";
+
 /// Steps between the frames that a network is made from.
 const STEPS: usize = 5;
 
@@ -240,7 +243,7 @@ fn one(plan: &Plan, copy: &Copy, surrogate: &str, entries: &str, tools: &Surroun
 
 /// A text of a run in the copy, in the words of the case.
 fn words(copy: &Copy, text: &str) -> String {
-    copy.in_words_of_the_case(text).replace(NAME, "surrogate")
+    copy.in_words_of_the_case(text).replace(NAME, CALLED)
 }
 
 /// What the jump was, for people.

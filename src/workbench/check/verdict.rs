@@ -1,6 +1,6 @@
 //! Whether a surrogate fits, by how far its run came and how that ended.
 
-use super::Report;
+use super::{CALLED, Report};
 use crate::user_case::log;
 use m4gn_base::Error;
 
@@ -53,7 +53,7 @@ impl Verdict {
         let to_its_end = report.time > report.end_time - 0.5 * report.delta_t;
         match report {
             Report { jumped: true, steps_after: 1.., .. } => Verdict::Fits,
-            r if r.surrogate.is_empty() => Verdict::No(match log::dropped(end.log) {
+            r if r.surrogate.is_empty() => Verdict::No(match log::dropped(end.log, CALLED) {
                 Some(text) => format!("{solver} goes on without the function object: {text}"),
                 None => {
                     format!(
@@ -122,8 +122,7 @@ mod tests {
     #[test]
     fn a_run_that_ends_well_may_not_have_jumped() {
         assert!(no(&Report::default(), "").contains("it executes none"));
-        let regions =
-            "--> FOAM Warning : \n\n    no region0\n\n    From x\n--> while loading function object 'c'\n";
+        let regions = "--> FOAM Warning : \n\n    no region0\n\n    From x\n--> while loading function object 'surrogate'\n";
         assert_eq!(
             no(&Report::default(), regions),
             "icoFoam goes on without the function object: no region0"

@@ -14,10 +14,11 @@ pub(crate) fn fatal(log: &str) -> Option<(String, bool)> {
     Some((joined(&rest[..end]), rest[end..].iter().take(2).any(|l| l.contains("m4gn"))))
 }
 
-/// Why OpenFOAM has left the function object out, which it tells as a warning.
-pub(crate) fn dropped(log: &str) -> Option<String> {
+/// Why OpenFOAM has left the function object of this name out, which it tells as a warning.
+pub(crate) fn dropped(log: &str, name: &str) -> Option<String> {
     let lines: Vec<&str> = log.lines().map(plain).collect();
-    let end = lines.iter().position(|l| l.contains("while loading function object"))?;
+    let told = format!("while loading function object '{name}'");
+    let end = lines.iter().position(|l| l.contains(&told))?;
     let begin = lines[..end].iter().rposition(|l| l.contains("FOAM Warning"))?;
     let from = lines[begin..end].iter().position(|l| l.starts_with("From ")).map_or(end, |n| begin + n);
     Some(joined(&lines[begin + 1..from]))
@@ -96,7 +97,13 @@ mod tests {
         let log = "--> FOAM Warning : \n    From void Foam::m4gnFlowCompletion()\n    in file a\n    sources act\n    here\n\n--> FOAM \
                    Warning : \n    From void Foam::other()\n    in file b\n    not ours\n\n";
         assert_eq!(warnings(log), ["sources act here"]);
-        let regions = "--> FOAM Warning : \n\n    request for region0 failed\n\n    From x\n--> while loading function object 'c'\n";
-        assert_eq!(dropped(regions).unwrap(), "request for region0 failed");
+        let of = |why: &str, name: &str| {
+            format!(
+                "--> FOAM Warning : \n\n    {why}\n\n    From x\n--> while loading function object '{name}'\n"
+            )
+        };
+        let log = of("unknown type", "pictures") + &of("request for region0 failed", "c");
+        assert_eq!(dropped(&log, "c").unwrap(), "request for region0 failed");
+        assert_eq!(dropped(&log, "d"), None);
     }
 }
