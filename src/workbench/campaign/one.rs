@@ -115,6 +115,8 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
     }
     settings.prepare.iter().try_for_each(|command| limit(tools.run(case, command)))?;
     clear_ranks(case)?;
+    // Those of a steady run, say, are none of this one's
+    forget_behind(case, source.start)?;
     source.control(case, settings, unit.check)?;
     let mut cost = Cost { prepare: clock.lap()?, ..Cost::default() };
 
@@ -223,7 +225,7 @@ fn ended(case: &Path, start: f64, log: &Path) -> Result<(String, f64)> {
     })
 }
 
-/// Removes what a run has written behind this time, s.
+/// Removes the times of a run's case that are behind this one, s.
 fn forget_behind(case: &Path, end: f64) -> Result<()> {
     for folder in of_ranks(case)?.into_iter().chain([case.to_path_buf()]) {
         for (name, _) in times(&folder)?.into_iter().filter(|(_, time)| *time > end) {
@@ -341,6 +343,15 @@ mod tests {
                 .contains("processor0/constant/polyMesh: is a mesh that prepare has made on several ranks"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn times_behind_are_forgotten() {
+        let dir =
+            fixtures::folder(&[("0/U", ""), ("500/U", ""), ("processor0/0.7/U", ""), ("constant/g", "")]);
+        forget_behind(dir.path(), 0.5).unwrap();
+        assert_eq!(times(dir.path()).unwrap(), [("0".to_string(), 0.0)]);
+        assert!(dir.path().join("constant/g").exists() && !dir.path().join("processor0/0.7").exists());
     }
 
     #[test]
