@@ -56,6 +56,12 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
             found.parallel |= depth == 0 && first == "runParallel";
             break;
         }
+        // As a script without OpenFOAM's functions has it
+        let of_ranks = ["mpirun", "mpiexec", "srun"].contains(&first);
+        if first == application || of_ranks && words.contains(&application) {
+            found.parallel |= depth == 0 && of_ranks;
+            break;
+        }
         let closes = |word: &&str| CLOSES.contains(&word.trim_end_matches(';'));
         let opens = OPENS.contains(&first);
         if CLOSES.contains(&first) {
@@ -166,6 +172,17 @@ mod tests {
         assert!(!found.parallel, "it is serial by default");
         assert_eq!(found.unknown.len(), 7, "{:?}", found.unknown);
         assert!(found.unknown.contains(&"runApplication changeDictionary".to_string()));
+    }
+
+    #[test]
+    fn what_comes_behind_a_plain_solver_is_left_out() {
+        for (solver, parallel) in
+            [("icoFoam > log", false), ("mpirun -np 2 icoFoam -parallel | tee log", true)]
+        {
+            let found = of_script(&format!("cp a b\nblockMesh\n{solver}\ncp 1/U c\n"), "icoFoam", false);
+            assert_eq!(found.prepare, [["cp", "a", "b"]]);
+            assert_eq!((found.parallel, found.unknown), (parallel, vec!["blockMesh".to_string()]));
+        }
     }
 
     #[test]
