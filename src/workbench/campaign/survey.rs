@@ -3,7 +3,7 @@
 use super::case::{PARAMETERS, Source};
 use super::sampling::{Parameter, Values};
 use super::table::number;
-use crate::user_case::script::{Commands, ORIGINAL, of_script};
+use crate::user_case::script::{Commands, ORIGINAL, of_files, of_script};
 use crate::user_case::{BLOCK_MESH, has_mesh, mentions};
 use m4gn_base::{Error, Result, files};
 use std::path::Path;
@@ -13,25 +13,23 @@ const LONGEST: u64 = 1 << 20;
 /// Most lines that are shown.
 const SHOWN: usize = 12;
 
-/// The commands that come before the solver: `Allrun.pre`, and the lines of `Allrun` in the form of OpenFOAM's tutorials and those that copy or move files;
-/// without either, `blockMesh` where the case has its dictionary and no mesh, or one that depends on a parameter.
+/// The commands that come before the solver: `Allrun.pre`, and the lines of `Allrun` in the form of OpenFOAM's tutorials and those that copy or move files.
+/// Where none of them runs a program, `blockMesh` if the case has its dictionary and no mesh, or one that depends on a parameter.
 pub fn commands(source: &Source, parameters: &[Parameter]) -> Commands {
     let at = |name: &str| source.folder.join(name);
     let original = at(ORIGINAL).is_dir() && !at("0").exists();
-    let script =
-        files::read_text(at("Allrun")).map(|script| of_script(&script, &source.application, original));
-    if at("Allrun.pre").is_file() {
-        let mut found = script.unwrap_or_default();
-        found.prepare.insert(0, vec!["./Allrun.pre".into()]);
-        return found;
-    }
-    if let Ok(script) = script {
-        return script;
-    }
+    let script = files::read_text(at("Allrun")).unwrap_or_default();
+    let mut found = of_script(&script, &source.application, original);
     let there: Vec<&str> = BLOCK_MESH.into_iter().filter(|f| at(f).is_file()).collect();
-    let made = !has_mesh(&source.folder) || there.iter().any(|f| depends(source, f, parameters));
-    let prepare = if made && !there.is_empty() { vec![vec!["blockMesh".to_string()]] } else { Vec::new() };
-    Commands { prepare, ..Commands::default() }
+    if at("Allrun.pre").is_file() {
+        found.prepare.insert(0, vec!["./Allrun.pre".into()]);
+    } else if of_files(&found.prepare)
+        && !there.is_empty()
+        && (!has_mesh(&source.folder) || there.iter().any(|f| depends(source, f, parameters)))
+    {
+        found.prepare.push(vec!["blockMesh".into()]);
+    }
+    found
 }
 
 /// Whether a file of the case, or one that it includes, uses a parameter.
@@ -223,6 +221,8 @@ mod tests {
         let (_dir, block) = source(&[("system/blockMeshDict", "$n"), ("constant/polyMesh/faces", "")]);
         assert!(commands(&block, &[]).prepare.is_empty());
         assert_eq!(commands(&block, &["n=1,2".parse().unwrap()]).prepare, [["blockMesh"]]);
+        let (_dir, plain) = source(&[("system/blockMeshDict", "$n"), ("Allrun", "blockMesh\ncp a b\n")]);
+        assert_eq!(commands(&plain, &[]).prepare, [vec!["cp", "a", "b"], vec!["blockMesh"]]);
         let (_dir, included) = source(&[
             ("system/blockMeshDict", "#include \"<system>/sizes\"\n"),
             ("system/sizes", "#include \"sizes\"\nn $n;"),

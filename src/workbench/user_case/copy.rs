@@ -1,6 +1,6 @@
 //! A copy of a case that its solver can run in. No path in it leads out of it, so that nothing that runs there can write into the user's files.
 
-use super::script::{ORIGINAL, of_script};
+use super::script::{ORIGINAL, of_files, of_script};
 use super::{
     BLOCK_MESH, LEFT_OUT, copy_all, entry, function_objects, has_mesh, header, log, mentions, names,
     read_all, time, times,
@@ -159,7 +159,7 @@ impl Copy {
         if !made {
             return Ok(());
         }
-        if commands.iter().all(|c| ["cp", "mv", "mkdir", "sh"].contains(&c[0].as_str())) {
+        if of_files(&commands) {
             if !BLOCK_MESH.iter().any(|f| at(f).is_file()) {
                 let what = "it has no mesh, and no blockMeshDict: make its mesh first, as for a run (its Allrun, or Allrun.pre)";
                 self.notes.push(what.to_string() + &others);

@@ -115,6 +115,11 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
     found
 }
 
+/// Whether commands copy and move files alone.
+pub(crate) fn of_files(commands: &[Vec<String>]) -> bool {
+    commands.iter().all(|c| ["cp", "mv", "mkdir", "sh"].contains(&c[0].as_str()))
+}
+
 /// The words of a line; blanks within quotes are of a word.
 fn words(line: &str) -> Vec<String> {
     let (mut words, mut word, mut quote) = (Vec::new(), None::<String>, None);
