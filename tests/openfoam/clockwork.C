@@ -30,3 +30,17 @@ TEST(timesToWriteGoOnFromBetweenTwoOfThem)
     EXPECT_NEAR(time.value(), 0.9, 1e-12);
     EXPECT(steps == 4);
 }
+
+//- 12.004 would be 12, which was written before
+TEST(timesThatAreWrittenInBetweenHaveNamesOfTheirOwn)
+{
+    const dictionary control(
+        testing::dict("startFrom startTime; startTime 12; stopAt endTime; endTime 13; deltaT 0.004;"
+                      " writeControl runTime; writeInterval 1; writeFormat ascii; timePrecision 4;"));
+    Time time(control, "/tmp", "m4gnClockwork");
+    ++time;
+    EXPECT(!time.writeTime() && time.timeName() == "12");
+
+    m4gnClockwork::write(time);
+    EXPECT(time.writeTime() && time.timeName() == "12.004");
+}
