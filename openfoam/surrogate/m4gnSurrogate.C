@@ -242,7 +242,7 @@ Foam::functionObjects::m4gnSurrogate::m4gnSurrogate(
     const word& name, const Time& runTime, const dictionary& dict)
     : fvMeshFunctionObject(name, runTime, dict), m4gnActiveSurrogate(name), replaces_(false),
       timeStart_(-VGREAT), timeEnd_(VGREAT), executed_(runTime.startTimeIndex()), steps_(0), due_(false),
-      started_(false), control_(nullptr), pending_()
+      started_(false), ended_(false), control_(nullptr), pending_()
 {
     read(dict);
 
@@ -255,7 +255,15 @@ Foam::functionObjects::m4gnSurrogate::m4gnSurrogate(
     const_cast<dictionary&>(dict).remove("timeEnd");
 }
 
-Foam::functionObjects::m4gnSurrogate::~m4gnSurrogate() = default;
+Foam::functionObjects::m4gnSurrogate::~m4gnSurrogate()
+{
+    // Taken out of controlDict while the solver runs: the mesh is still there
+    if (run_ && !ended_ && time_.names<fvMesh>().size()) {
+        Info << "m4gn: " << name() << " is taken out of the run; its totals are those up to here" << nl
+             << endl;
+        run_->end();
+    }
+}
 
 Foam::scalar Foam::functionObjects::m4gnSurrogate::replacesFrom() const
 {
@@ -404,6 +412,7 @@ bool Foam::functionObjects::m4gnSurrogate::write() { return true; }
 
 bool Foam::functionObjects::m4gnSurrogate::end()
 {
+    ended_ = true;
     if (run_) {
         run_->end();
     }

@@ -94,6 +94,9 @@ becomes 'recorder { type m4gnRecorder; libs (m4gnFoam); writeControl timeStep; w
 [ "$(rows postProcessing/late/0/surrogateError.dat | awk '$1 > 0.3' | wc -l)" -ge 10 ] || fail "no errors of a surrogate that came into the run"
 expect_log 'recorder is taken out of the run; its recording ends here'
 [ -s postProcessing/recorder/0/trajectory.h5 ] || fail "the recording that was taken out has gone"
+# A surrogate that is taken out tells what it has until then
+becomes 'early { type m4gnSurrogate; libs (m4gnFoam); mode observe; model cylinder-flow.safetensors; }' ''
+expect_log 'early is taken out of the run' 'mean rms errors'
 # One that replaces the solver and came into the run is carried on under the same conditions
 becomes '' "$surrogate"
 echo "$surrogate" > system/functions
