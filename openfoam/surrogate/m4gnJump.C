@@ -260,6 +260,11 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
                 complete(!answer.strides);
             }
             answer = run_.advanced(answer);
+            if (time_.value() > time_.endTime().value() - 0.5 * deltaT) {
+                // Stopped from outside (stopAt, a signal): Time ends a run in an orderly way only after a step
+                // of the solver. To other function objects that is the end.
+                time_.setEndTime(time_.value() + deltaT);
+            }
             surrogate += timer.increment();
             // Strides that are left: the run is stopped, and one that is
             // carried on takes them
@@ -308,12 +313,6 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
 
     if (answer.action != M4GN_RIDE_HAND_BACK) {
         return false;
-    }
-
-    if (time_.value() > time_.endTime().value() - 0.5 * deltaT) {
-        // Stopped from outside (stopAt, a signal): Time ends a run in an
-        // orderly way only after a step of the solver
-        time_.setEndTime(time_.value() + deltaT);
     }
 
     run_.handedBack(answer, quantities());

@@ -77,6 +77,11 @@ echo "$surrogate" > system/functions
 solve
 same_bytes ../behind 1.1/U
 
+# A run that is stopped in a jump ends behind a step of the solver, and what is executed at its end is so once
+anew "$surrogate" 'stop { type abort; libs (utilityFunctionObjects); action writeNow; file "0.6/uniform/functionObjects/functionObjectProperties"; }
+    last { type fieldMinMax; libs (fieldFunctionObjects); fields (p); executeControl onEnd; writeControl onEnd; log no; }'
+[ "$(rows postProcessing/last/0/fieldMinMax.dat | awk '{ print $1 }' | sort -u | tr '\n' ' ')" = "0.702 " ] || fail "the run ended at $(rows postProcessing/last/0/fieldMinMax.dat)"
+
 # becomes BEFORE AFTER: a run whose function objects are edited at 0.3 s
 becomes() {
     local edit='edit { type timeActivatedFileUpdate; libs (utilityFunctionObjects); fileToUpdate "<system>/functions";
