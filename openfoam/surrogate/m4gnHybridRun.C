@@ -228,8 +228,10 @@ void Foam::m4gnHybridRun::reported(const functionObjects::stateFunctionObject& r
     forAll(quantities_, i) {
         const word object(quantities_[i].get<word>("object"));
         const word result(quantities_[i].get<word>("result"));
-        if (results.objectResultEntries(object).empty()) {
-            // Not executed yet
+        // Results outlive a function object that is taken out of controlDict
+        const bool inRun = mesh_.time().functionObjects().findObjectID(object) >= 0;
+        if (!inRun || results.objectResultEntries(object).empty()) {
+            // Not executed yet, or no longer
             continue;
         }
         const word type(results.objectResultType(object, result));

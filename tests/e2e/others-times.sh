@@ -113,6 +113,10 @@ expect_silence 'under other conditions'
 becomes "${surrogate/surrogateSteps/timeEnd 0.9; surrogateSteps}" "${surrogate/surrogateSteps/timeEnd 0.9; writePrecision 8; surrogateSteps}"
 expect_log 'goes on as it was begun'
 [ "$(grep -c 'replacedFraction' log.run)" = 1 ] || fail "no totals with timeEnd of a dictionary that was edited"
+# A quantity whose function object is taken out cannot be held any more
+held="${surrogate/surrogateSteps/quantities ( { object forces; result Cd; tolerance 1e6; \} ); surrogateSteps}"
+becomes "$(drag forces) $held" "$held"
+expect_log 'Cd of forces had an error of inf' 'the next jumps have 2 strides at most'
 # An average that comes into the run sees its jumps
 becomes "$surrogate" "$surrogate $(average)"
 holds "$(total 1.1) > 0.79" "time that is averaged over from 0.3 on"
