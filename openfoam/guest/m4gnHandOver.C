@@ -3,6 +3,7 @@
 #include "m4gnHandOver.H"
 #include "m4gnDictionary.H"
 #include "m4gnCaseChecks.H"
+#include "m4gnMechanicalProperties.H"
 #include "m4gnPrescribed.H"
 #include "StringStream.H"
 #include "cloud.H"
@@ -47,7 +48,7 @@ bool isForAWhile(const dictionary& dict, const Time& time)
 wordHashSet solvedMeshes(const fvMesh& mesh)
 {
     wordHashSet meshes(mesh.time().names<fvMesh>());
-    // That of solids4foam's vertex-centred models has no state of its own
+    // That of solids4foam's vertex-centred models has no state of its own, but for the history of laws
     meshes.erase("dualMesh");
     // Nobody solves on a mesh that fields are mapped to
     if (const dictionary* functions = mesh.time().controlDict().findDict("functions")) {
@@ -114,6 +115,13 @@ Foam::string Foam::m4gn::unsupported(const fvMesh& mesh)
     }
     if (meshFollowsBody(mesh)) {
         return "the mesh moves with the body (solidModel " + solidModel(mesh) + ')';
+    }
+    if (mesh.time().foundObject<fvMesh>("dualMesh")) {
+        const wordList laws(m4gnMechanicalProperties(mesh).lawsWithHistory());
+        if (laws.size()) {
+            why << "the history of " << join(laws).c_str() << " is kept at the faces of dualMesh";
+            return why.str();
+        }
     }
     const wordList clouds(mesh.sortedNames<cloud>());
     if (clouds.size()) {

@@ -181,6 +181,22 @@ TEST(meshesThatWouldStayBehindAreNamed)
     EXPECT(beside("steelSubset").empty());
 }
 
+// As solids4foam's vertex-centred models have it
+TEST(aHistoryOnADualMeshIsNotHandedOver)
+{
+    channel c(2, 1, "fixedValue");
+    const fvMesh dual(
+        IOobject("dualMesh", c.run.time().timeName(), c.run.time()), pointField(c.mesh->points()),
+        faceList(c.mesh->faces()), labelList(c.mesh->faceOwner()), labelList(c.mesh->faceNeighbour()));
+    const auto unsupported = [&](const std::string& law) {
+        const IOdictionary properties(
+            c.io("mechanicalProperties"), dict("mechanical (steel { type " + law + "; });"));
+        return m4gn::unsupported(*c.mesh);
+    };
+    EXPECT_TEXT(unsupported("linearElastic"), "");
+    EXPECT(unsupported("linearElasticMisesPlastic").find("the history of linearElasticMisesPlastic") == 0);
+}
+
 // From 0 to 1 s
 TEST(sourcesThatActForAPartOfARunAreNamed)
 {
