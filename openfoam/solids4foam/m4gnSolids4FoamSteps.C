@@ -48,6 +48,10 @@ Foam::string Foam::m4gnSolids4FoamLaw::cannotStep() const
     if (model.solidModelDict().getOrDefault<bool>("predictor", false)) {
         return "entry predictor begins each time step elsewhere; needed: predictor no";
     }
+    // It is solved for several times in a time step, with other loads, and before the coupling begins not at all
+    if (mesh_.time().foundObject<IOdictionary>("fsiProperties")) {
+        return "a fluid loads the solid (fsiProperties); needed: a solid alone";
+    }
     const polyMesh& mesh = mesh_;
     if (mesh.type() != "staticFvMesh") {
         return "dynamicFvMesh is " + mesh.type() + "; needed: staticFvMesh";
