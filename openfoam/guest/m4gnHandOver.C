@@ -212,6 +212,14 @@ Foam::string Foam::m4gn::changingSources(const fvMesh& mesh)
             }
         }
     }
+    const word model(solidModel(mesh));
+    const auto* solid = model.empty() ? nullptr : mesh.time().findObject<IOdictionary>("solidProperties");
+    if (solid
+        && m4gnPrescribed::hasFunction(
+            solid->subOrEmptyDict(model + "Coeffs").subOrEmptyDict("cellDisplacements")))
+    {
+        return "cellDisplacements of solidProperties";
+    }
     return string();
 }
 

@@ -244,6 +244,24 @@ TEST(tablesOverTimeAreToldFromOthers)
     EXPECT_TEXT(changing("type jouleHeatingSource; sigma table ((300 1) (400 2));"), "");
 }
 
+// As solids4foam moves them
+TEST(cellsThatAreMovedOverTimeAreNamed)
+{
+    channel c(2, 1, "fixedValue");
+    const Time& time = c.run.time();
+    const IOdictionary solid(IOobject("solidModel_" + c.mesh->name(), time.constant(), time), dict(""));
+    const auto changing = [&](const std::string& displacement) {
+        const IOdictionary properties(
+            IOobject("solidProperties", time.constant(), time),
+            dict("solidModel a; aCoeffs { cellDisplacements { tip { " + displacement + " } } }"));
+        return m4gn::changingSources(*c.mesh);
+    };
+    EXPECT_TEXT(changing("displacement (0 0 0);"), "");
+    EXPECT_TEXT(
+        changing("timeVaryingDisplacement { file path; outOfBounds clamp; }"),
+        "cellDisplacements of solidProperties");
+}
+
 // The fluid's mesh moves beside a body whose own mesh follows it
 TEST(aMeshFollowsTheBodyThatIsOnIt)
 {
