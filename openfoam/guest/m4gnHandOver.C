@@ -7,6 +7,7 @@
 #include "m4gnPrescribed.H"
 #include "StringStream.H"
 #include "cloud.H"
+#include "pointFields.H"
 #include "surfaceFields.H"
 #include "Time.H"
 #include "volFields.H"
@@ -134,13 +135,25 @@ Foam::string Foam::m4gn::unsupported(const fvMesh& mesh)
             return why.str();
         }
     }
-    for (const word& name : mesh.sortedNames<volVectorField>()) {
-        for (const fvPatchVectorField& patch : mesh.lookupObject<volVectorField>(name).boundaryField()) {
-            if (patch.type() == "solidContact") {
-                why << "solidContact at the patch " << patch.patch().name()
+    const wordHashSet contacts({"solidContact", "solidRigidContact", "pointSolidContact"});
+    const auto touches = [&](const auto& field) {
+        for (const auto& patch : field.boundaryField()) {
+            if (contacts.found(patch.type())) {
+                why << patch.type() << " at the patch " << patch.patch().name()
                     << " relaxes tractions that are no fields";
-                return why.str();
+                return true;
             }
+        }
+        return false;
+    };
+    for (const word& name : mesh.sortedNames<volVectorField>()) {
+        if (touches(mesh.lookupObject<volVectorField>(name))) {
+            return why.str();
+        }
+    }
+    for (const word& name : mesh.sortedNames<pointVectorField>()) {
+        if (touches(mesh.lookupObject<pointVectorField>(name))) {
+            return why.str();
         }
     }
     const wordHashSet handled({"pointScalarField", "pointVectorField"});

@@ -81,10 +81,10 @@ void Foam::m4gnTotalDisplacementCompletion::follow()
 void Foam::m4gnTotalDisplacementCompletion::refuseContact() const
 {
     for (const fvPatchVectorField& patch : D().boundaryField()) {
-        if (patch.type() == "solidContact") {
-            FatalErrorInFunction << "mode replace does not hand over the tractions that"
-                                 << " solidContact relaxes from corrector to corrector"
-                                 << " (patch " << patch.patch().name() << " of " << DName_ << ')' << nl
+        if (patch.type() == "solidContact" || patch.type() == "solidRigidContact") {
+            FatalErrorInFunction << "mode replace does not hand over the tractions that " << patch.type()
+                                 << " relaxes from corrector to corrector (patch " << patch.patch().name()
+                                 << " of " << DName_ << ')' << nl
                                  << "    Use rigidCylinderContact, or mode observe" << exit(FatalError);
         }
     }
