@@ -260,7 +260,10 @@ Foam::dictionary Foam::m4gnMechanicalProperties::description(const word& D) cons
 
     const auto* displacement = mesh_.findObject<volVectorField>(D);
     if (displacement) {
-        const scalar largest = largestTraction(*displacement);
+        // solids4foam's incremental models have the conditions at the increment
+        const auto* increment = mesh_.findObject<volVectorField>("D" + D);
+        const scalar largest =
+            max(largestTraction(*displacement), increment ? largestTraction(*increment) : scalar(0));
         addRange(solid, "traction", largest, largest);
 
         const word scheme(m4gn::scheme(mesh_.schemesDict(), "d2dt2Schemes", "d2dt2(" + D + ')'));
