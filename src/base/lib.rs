@@ -8,6 +8,7 @@ mod error;
 pub mod ffi;
 pub mod files;
 pub mod lock;
+mod names;
 pub mod plugin;
 pub mod settings;
 

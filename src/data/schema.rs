@@ -22,27 +22,14 @@ pub enum Split {
     Test,
 }
 
-impl Split {
-    /// Name in files and on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Split::Train => "train",
-            Split::Valid => "valid",
-            Split::Test => "test",
-        }
-    }
-}
+m4gn_base::names! { Split: Train "train", Valid "valid", Test "test" }
 
 impl FromStr for Split {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        match name {
-            "train" => Ok(Split::Train),
-            "valid" => Ok(Split::Valid),
-            "test" => Ok(Split::Test),
-            _ => Err(Error::Input(format!("split '{name}': expected train, valid or test"))),
-        }
+        let found = Self::ALL.into_iter().find(|split| split.name() == name);
+        found.ok_or_else(|| Error::Input(format!("split '{name}': expected train, valid or test")))
     }
 }
 

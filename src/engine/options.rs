@@ -48,6 +48,10 @@ pub(super) enum Level {
     Amx,
 }
 
+m4gn_base::names! {
+    Level: Portable "portable", Avx2 "avx2", Avx512 "avx512", Avx512Bf16 "avx512-bf16", Amx "amx"
+}
+
 impl Isa {
     /// The widest that this processor has.
     pub fn detect() -> Self {
@@ -74,8 +78,7 @@ impl Isa {
     /// All that this processor has, the portable one first.
     pub fn available() -> Vec<Self> {
         let widest = Self::detect().0;
-        let all = [Level::Portable, Level::Avx2, Level::Avx512, Level::Avx512Bf16, Level::Amx];
-        all.into_iter().filter(|l| *l <= widest).map(Isa).collect()
+        Level::ALL.into_iter().filter(|l| *l <= widest).map(Isa).collect()
     }
 
     /// Whether a network in bf16 takes less time than one in fp32: with AMX, and with AVX-512 BF16 elsewhere than on
@@ -107,13 +110,7 @@ impl Isa {
 
     /// Its name.
     pub fn name(self) -> &'static str {
-        match self.0 {
-            Level::Portable => "portable",
-            Level::Avx2 => "avx2",
-            Level::Avx512 => "avx512",
-            Level::Avx512Bf16 => "avx512-bf16",
-            Level::Amx => "amx",
-        }
+        self.0.name()
     }
 }
 

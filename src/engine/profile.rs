@@ -23,32 +23,9 @@ pub enum Phase {
     Halo,
 }
 
-impl Phase {
-    /// All, in the order of a step.
-    pub const ALL: [Phase; 8] = [
-        Phase::EncodeNodes,
-        Phase::EncodeEdges,
-        Phase::Project,
-        Phase::Edges,
-        Phase::Nodes,
-        Phase::Segments,
-        Phase::Decode,
-        Phase::Halo,
-    ];
-
-    /// For tables.
-    pub fn name(self) -> &'static str {
-        match self {
-            Phase::EncodeNodes => "encode nodes",
-            Phase::EncodeEdges => "encode edges",
-            Phase::Project => "project senders",
-            Phase::Edges => "edge blocks",
-            Phase::Nodes => "node blocks",
-            Phase::Segments => "segments",
-            Phase::Decode => "decode",
-            Phase::Halo => "halo",
-        }
-    }
+m4gn_base::names! {
+    Phase: EncodeNodes "encode nodes", EncodeEdges "encode edges", Project "project senders", Edges "edge blocks", Nodes "node blocks",
+    Segments "segments", Decode "decode", Halo "halo"
 }
 
 /// What the steps so far took, summed; made when [`EngineOptions::profile`](super::EngineOptions::profile) is set.

@@ -22,21 +22,11 @@ pub enum ElementKind {
     Pyramid = 14,
 }
 
+m4gn_base::names! {
+    ElementKind: Tetrahedron "tetrahedra", Hexahedron "hexahedra", Wedge "wedges", Pyramid "pyramids"
+}
+
 impl ElementKind {
-    /// All kinds, in the order of their codes.
-    pub const ALL: [ElementKind; 4] =
-        [ElementKind::Tetrahedron, ElementKind::Hexahedron, ElementKind::Wedge, ElementKind::Pyramid];
-
-    /// Lower-case plural.
-    pub fn name(self) -> &'static str {
-        match self {
-            ElementKind::Tetrahedron => "tetrahedra",
-            ElementKind::Hexahedron => "hexahedra",
-            ElementKind::Wedge => "wedges",
-            ElementKind::Pyramid => "pyramids",
-        }
-    }
-
     /// The kind of a code.
     ///
     /// # Errors

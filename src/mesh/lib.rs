@@ -57,35 +57,12 @@ pub enum NodeType {
     Free = 8,
 }
 
+m4gn_base::names! {
+    NodeType: Fluid "fluid", Wall "wall", Inlet "inlet", Outlet "outlet", Symmetry "symmetry", Obstacle "obstacle", Body "body",
+    Handle "handle", Free "free"
+}
+
 impl NodeType {
-    /// All types, in the order of their codes.
-    pub const ALL: [NodeType; 9] = [
-        NodeType::Fluid,
-        NodeType::Wall,
-        NodeType::Inlet,
-        NodeType::Outlet,
-        NodeType::Symmetry,
-        NodeType::Obstacle,
-        NodeType::Body,
-        NodeType::Handle,
-        NodeType::Free,
-    ];
-
-    /// The name used in dictionaries, data sets and models.
-    pub fn name(self) -> &'static str {
-        match self {
-            NodeType::Fluid => "fluid",
-            NodeType::Wall => "wall",
-            NodeType::Inlet => "inlet",
-            NodeType::Outlet => "outlet",
-            NodeType::Symmetry => "symmetry",
-            NodeType::Obstacle => "obstacle",
-            NodeType::Body => "body",
-            NodeType::Handle => "handle",
-            NodeType::Free => "free",
-        }
-    }
-
     /// The type with this code.
     pub fn from_code(code: i32) -> Result<Self> {
         usize::try_from(code).ok().and_then(|c| Self::ALL.get(c).copied()).ok_or_else(|| {

@@ -368,18 +368,8 @@ impl From<Architecture> for ArchitectureKeys {
     }
 }
 
-impl KindName {
-    /// As it is written in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            KindName::M4gn => "m4gn",
-            KindName::MeshGraphNet => "mesh-graph-net",
-            KindName::Gcn => "gcn",
-            KindName::BsmsGnn => "bsms-gnn",
-            KindName::GUNet => "g-u-net",
-            KindName::Eagle => "eagle",
-        }
-    }
+m4gn_base::names! {
+    KindName: M4gn "m4gn", MeshGraphNet "mesh-graph-net", Gcn "gcn", BsmsGnn "bsms-gnn", GUNet "g-u-net", Eagle "eagle"
 }
 
 #[cfg(test)]

@@ -13,12 +13,4 @@ pub enum Precision {
     Bf16,
 }
 
-impl Precision {
-    /// As it is written in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Precision::Fp32 => "fp32",
-            Precision::Bf16 => "bf16",
-        }
-    }
-}
+m4gn_base::names! { Precision: Fp32 "fp32", Bf16 "bf16" }

@@ -32,21 +32,11 @@ pub enum SegmentMethod {
     SlicExp,
 }
 
+m4gn_base::names! {
+    SegmentMethod: Metis "metis", Slic "slic-md", SlicLog "slic-mdodl", SlicExp "slic-mdode"
+}
+
 impl SegmentMethod {
-    /// All methods, in the paper's order.
-    pub const ALL: [SegmentMethod; 4] =
-        [SegmentMethod::Metis, SegmentMethod::Slic, SegmentMethod::SlicLog, SegmentMethod::SlicExp];
-
-    /// The name used in dictionaries, configurations and models.
-    pub fn name(self) -> &'static str {
-        match self {
-            SegmentMethod::Metis => "metis",
-            SegmentMethod::Slic => "slic-md",
-            SegmentMethod::SlicLog => "slic-mdodl",
-            SegmentMethod::SlicExp => "slic-mdode",
-        }
-    }
-
     /// Whether modes are features of this method.
     pub fn uses_modes(self) -> bool {
         self != SegmentMethod::Metis
