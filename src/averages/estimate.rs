@@ -5,7 +5,7 @@ use crate::series::{Row, Series};
 use crate::{settling, spectrum, student, transient};
 
 /// What a series says.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Estimate {
     /// Mean after the transient.
     pub mean: f64,
@@ -263,22 +263,13 @@ pub(crate) fn repeats(series: &Series, range: (f64, f64), periods: usize, varian
 pub(crate) fn constant(series: &Series, range: (f64, f64), mean: f64) -> Estimate {
     Estimate {
         mean,
-        half_width: 0.0,
-        rms: 0.0,
-        rms_half_width: 0.0,
-        mean_change: 0.0,
-        rms_change: 0.0,
-        frequency: None,
-        frequency_resolution: None,
         transient_end: series.time_at(range.0),
         independent_samples: series.within(range).len() as f64,
-        periods: None,
-        periodic: false,
-        mean_drifts: false,
         mean_steady: true,
         rms_steady: true,
         surrogate_share: series.mean(range, |r| f64::from(r.surrogate)),
         rows: series.len(),
+        ..Estimate::default()
     }
 }
 

@@ -113,19 +113,8 @@ impl Ride<'_> {
 
     /// A jump of which nothing is taken, from the present state.
     pub(crate) fn jump_of(&self, surrogate: usize, strides: usize, limited: &'static str) -> Jump {
-        Jump {
-            surrogate,
-            strides,
-            done: 0,
-            gone: 0.0,
-            carried_on: false,
-            delta_t: self.step.delta_t,
-            over: false,
-            cut: None,
-            began: self.totals.seconds,
-            limited,
-            expected: None,
-        }
+        let (delta_t, began) = (self.step.delta_t, self.totals.seconds);
+        Jump { surrogate, strides, delta_t, began, limited, ..Jump::default() }
     }
 
     /// Who a surrogate is, in messages.

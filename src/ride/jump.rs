@@ -11,7 +11,7 @@ use m4gn_state::Role;
 use serde_json::json;
 
 /// A jump that is going on.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Jump {
     pub surrogate: usize,
     pub strides: usize,

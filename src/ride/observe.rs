@@ -41,7 +41,7 @@ impl Judged {
 }
 
 /// The observer of one surrogate.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Observer {
     rollout_steps: usize,
     /// The advanced arrays where the rollout began, and at its last two times.
@@ -92,19 +92,13 @@ impl Observer {
         let rollout_steps = settings.rollout_steps;
         Observer {
             rollout_steps,
-            first: Values::new(),
-            old: Values::new(),
-            now: Values::new(),
-            steps: 0,
             finite: true,
             sums: vec![[0.0; 4]; candidate.describe().advances.len()],
-            times: 0,
-            one_steps: 0,
             write_errors: settings.write_errors,
             in_segments: first && settings.write_errors,
             name: several.then(|| candidate.describe().name.clone()),
-            difference: None,
             judged: Judged { estimates: vec![f64::INFINITY; rollout_steps], ..Judged::default() },
+            ..Observer::default()
         }
     }
 
