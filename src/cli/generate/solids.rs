@@ -7,8 +7,8 @@ use m4gn_base::{Error, Result, listed};
 use m4gn_workbench::generate::openfoam::{absolute, one_thread};
 use m4gn_workbench::generate::process::find_program;
 use m4gn_workbench::generate::queue::Made;
-use m4gn_workbench::generate::solids::{Family, Figures, POISSON, Request, find_python};
-use serde_json::{Value, json};
+use m4gn_workbench::generate::solids::{Family, POISSON, Request, find_python};
+use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
@@ -75,15 +75,15 @@ pub(super) fn run(solid: &SolidArgs, family: Family, large: bool) -> Result<()> 
     common.make(absolute(&common.out)?, environment, case, describe)
 }
 
-fn describe(case: &Request, made: &Made<Figures>) -> (String, Value) {
+fn describe(case: &Request, made: &Made<Map<String, Value>>) -> (String, Value) {
     let f = &made.figures;
     let line = format!(
         "{:04}  {:<5}  {} points  {} redraws  worst gap {:+.4} cells  {:.1} MB  {:.1} s",
         case.index,
         case.split.name(),
-        f.points,
-        f.redraws.len(),
-        f.worst_gap,
+        f.get("points").and_then(Value::as_u64).unwrap_or_default(),
+        f.get("redraws").and_then(Value::as_array).map_or(0, Vec::len),
+        f.get("worst_gap").and_then(Value::as_f64).unwrap_or(f64::NAN),
         made.bytes as f64 * 1e-6,
         made.seconds
     );

@@ -9,6 +9,7 @@ use super::queue::{Case, other_number};
 use m4gn_base::plugin::folder_variable;
 use m4gn_base::{Error, Result, listed};
 use m4gn_data::{Split, Trajectory};
+use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 
 /// What is deformed.
@@ -69,38 +70,6 @@ pub struct Request {
     pub python: String,
 }
 
-/// A draw that could not be used.
-#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
-pub struct Redraw {
-    /// Why.
-    pub reason: String,
-    /// Processor time spent on it, s.
-    pub cpu_seconds: f64,
-}
-
-/// What the package says about a trajectory that it made.
-#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
-pub struct Figures {
-    /// Points of the body.
-    pub points: usize,
-    /// Cells of the body.
-    pub elements: usize,
-    /// Points of the obstacle's surface.
-    pub obstacle_points: usize,
-    /// Mean edge length at rest, m.
-    pub cell_size: f64,
-    /// Smallest distance between the body's skin and the obstacle in all frames, in cell sizes; negative: penetration.
-    pub worst_gap: f64,
-    /// The frame of it.
-    pub worst_gap_frame: usize,
-    /// Newton iterations of all frames.
-    pub newton_iterations: u64,
-    /// Processor time of the draw that was used, s.
-    pub cpu_seconds: f64,
-    /// Draws that could not be used.
-    pub redraws: Vec<Redraw>,
-}
-
 impl Request {
     fn write(&self, folder: &Path) -> Result<()> {
         let request = serde_json::json!({
@@ -116,17 +85,18 @@ impl Request {
 }
 
 impl Case for Request {
-    type Figures = Figures;
+    /// The object of its `result.json`, as it is.
+    type Figures = Map<String, Value>;
 
     fn index(&self) -> u64 {
         self.index
     }
 
-    fn run(&self, folder: &Path, tools: &Surroundings) -> Result<(PathBuf, Figures)> {
+    fn run(&self, folder: &Path, tools: &Surroundings) -> Result<(PathBuf, Map<String, Value>)> {
         self.write(folder)?;
         tools.run(folder, &[self.python.as_str(), "-m", "m4gn_solids"])?;
         let result = folder.join("result.json");
-        let figures: Figures = std::fs::read_to_string(&result)
+        let figures = std::fs::read_to_string(&result)
             .map_err(|e| Error::file(&result, format!("cannot be read: {e}")))
             .and_then(|text| {
                 serde_json::from_str(&text)
