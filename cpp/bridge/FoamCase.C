@@ -168,8 +168,8 @@ rust::String m4gn::FoamCase::describe() const
     const auto patch = [&](const Foam::polyPatch& p) {
         const Foam::boundBox box(p.localPoints(), false);
         const Foam::vector none(Foam::Zero);
-        return "{\"name\": " + quoted(p.name()) + ", \"kind\": " + quoted(p.type()) + ", \"faces\": "
-               + std::to_string(p.size()) + ", \"lower\": " + vector(p.size() ? box.min() : none)
+        return "{\"name\": " + quoted(p.name()) + ", \"kind\": " + quoted(p.type())
+               + ", \"lower\": " + vector(p.size() ? box.min() : none)
                + ", \"upper\": " + vector(p.size() ? box.max() : none) + '}';
     };
 

@@ -61,6 +61,18 @@ pub fn homes() -> Vec<PathBuf> {
     places().iter().filter_map(|place| place.parent().map(PathBuf::from)).collect()
 }
 
+/// The folders of this name in the [`homes`], and the names of those in them that have a `file`.
+pub fn shipped(folder: &str, file: &str) -> (Vec<PathBuf>, Vec<String>) {
+    let mut folders: Vec<PathBuf> = homes().into_iter().map(|home| home.join(folder)).collect();
+    folders.dedup();
+    let entries = folders.iter().filter_map(|f| std::fs::read_dir(f).ok()).flatten().flatten();
+    let with = entries.filter(|e| e.path().join(file).is_file());
+    let mut names: Vec<String> = with.filter_map(|e| e.file_name().into_string().ok()).collect();
+    names.sort();
+    names.dedup();
+    (folders, names)
+}
+
 /// The folder that an environment variable names, `M4GN_HOME` or `WM_PROJECT_DIR`. One that is empty is not set, and one that is not
 /// absolute counts for nothing: what is loaded must not depend on the folder that a program is started in.
 pub fn folder_variable(name: &str) -> Option<PathBuf> {

@@ -1,6 +1,7 @@
 //! `m4gn tutorial`: the cases of openfoam/tutorials, run where the user is.
 
 use m4gn_base::{Error, Result, plugin, refuse};
+use m4gn_workbench::generate::openfoam::absolute;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::Command;
@@ -26,21 +27,14 @@ pub struct Args {
 /// # Errors
 /// [`Error::Input`] for a name that is none, listing those that are, and for a tutorial that fails.
 pub fn run(args: Args) -> Result<()> {
-    let folders: Vec<PathBuf> = plugin::homes().into_iter().map(|h| h.join("openfoam/tutorials")).collect();
+    let (folders, names) = plugin::shipped("openfoam/tutorials", "Allrun");
     let script = folders.iter().map(|f| f.join(&args.name).join("Allrun")).find(|f| f.is_file());
     let Some(script) = script.filter(|_| !args.name.contains('/')) else {
-        let entries = folders.iter().filter_map(|f| std::fs::read_dir(f).ok()).flatten().flatten();
-        let tutorials = entries.filter(|e| e.path().join("Allrun").is_file());
-        let mut names: Vec<String> = tutorials.filter_map(|e| e.file_name().into_string().ok()).collect();
-        names.sort();
-        names.dedup();
         return Err(Error::Input(format!("'{}' is no tutorial: expected {}", args.name, names.join(", "))));
     };
-    let out =
-        std::path::absolute(&args.out).map_err(|e| Error::file(&args.out, format!("is no path: {e}")))?;
     let status = Command::new(&script)
         .args(&args.options)
-        .env("M4GN_RUN", &out)
+        .env("M4GN_RUN", absolute(&args.out)?)
         .status()
         .map_err(|e| Error::file(&script, format!("cannot be run: {e}")))?;
     refuse(!status.success(), Error::Input, || format!("tutorial {}: {status}, as told above", args.name))

@@ -1,8 +1,9 @@
 //! What the surrogate of a run left behind beside its fields: its own summary and table.
 
+use crate::user_case::{names, times};
 use m4gn_base::{Error, Result, files};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// What the surrogate of a run says about itself.
 #[derive(Clone, Debug)]
@@ -23,8 +24,11 @@ pub struct Surrogate {
 pub fn read(case: &Path) -> Result<Option<Surrogate>> {
     let mut found: Vec<(f64, Surrogate)> = Vec::new();
     let root = case.join("postProcessing");
-    for name in folders(&root) {
-        for time in folders(&name) {
+    let mut objects = names(&root).unwrap_or_default();
+    objects.sort();
+    for folder in objects.iter().map(|name| root.join(name)) {
+        for (time, started) in times(&folder).unwrap_or_default() {
+            let time = folder.join(time);
             let path = time.join("summary.json");
             let Ok(text) = files::read_text(&path) else {
                 continue;
@@ -36,7 +40,7 @@ pub fn read(case: &Path) -> Result<Option<Surrogate>> {
                 continue;
             }
             if let Some(one) = one_summary(&time, summary)? {
-                found.push((started(&time), one));
+                found.push((started, one));
             }
         }
     }
@@ -73,30 +77,18 @@ fn one_summary(folder: &Path, summary: Value) -> Result<Option<Surrogate>> {
 /// The ends of the first and the last step of each jump: a row of the table beside the summary holds the time at a jump's
 /// end and the number of its steps.
 fn jumps(folder: &Path, stride: Option<f64>) -> Vec<[f64; 2]> {
-    let tables = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let tables = tables.map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "dat"));
+    let tables = names(folder).unwrap_or_default().into_iter().filter(|name| name.ends_with(".dat"));
     let of_row = |row: &str| {
         let mut numbers = row.split_whitespace().map(|w| w.parse::<f64>().ok());
         let (end, steps) = (numbers.next()??, numbers.next()??);
         let first = end - (steps - 1.0) * stride?;
         first.is_finite().then_some([first, end])
     };
-    let of_table = |path| {
-        let text = files::read_text(path).unwrap_or_default();
+    let of_table = |name| {
+        let text = files::read_text(folder.join(name)).unwrap_or_default();
         text.lines().filter_map(of_row).collect::<Vec<_>>()
     };
     tables.flat_map(of_table).collect()
-}
-
-fn started(folder: &Path) -> f64 {
-    folder.file_name().and_then(|n| n.to_str()).and_then(|n| n.parse().ok()).unwrap_or(f64::NEG_INFINITY)
-}
-
-fn folders(of: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(of).into_iter().flatten().flatten();
-    let mut found: Vec<PathBuf> = entries.map(|e| e.path()).filter(|p| p.is_dir()).collect();
-    found.sort();
-    found
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Cell fields in the folder that a run starts from.
 
 use super::FoamCase;
+use crate::generate::openfoam::absolute;
 use m4gn_base::{Error, Result};
 use serde_json::json;
 use std::path::PathBuf;
@@ -69,7 +70,7 @@ impl FoamCase {
     pub fn take_start(&mut self, sources: &[Source]) -> Result<usize> {
         let of = |f: fn(&Source) -> f64| sources.iter().map(f).collect::<Vec<f64>>();
         let (weights, ratios) = (of(|s| s.weight), of(|s| s.ratio));
-        let sources = absolute(sources.iter().map(|s| &s.folder))?;
+        let sources = sources.iter().map(|s| absolute(&s.folder)).collect::<Result<Vec<_>>>()?;
         let request =
             json!({ "query": "take_start", "sources": sources, "weights": weights, "ratios": ratios });
         Ok(self.handle.query(&request)?[0] as usize)
@@ -81,7 +82,8 @@ impl FoamCase {
     /// # Errors
     /// OpenFOAM's message for fields of other sizes, and files that cannot be read.
     pub fn products(&mut self, folders: &[PathBuf]) -> Result<Vec<Vec<f64>>> {
-        let all = self.handle.query(&json!({ "query": "products", "folders": absolute(folders)? }))?;
+        let all = folders.iter().map(|f| absolute(f)).collect::<Result<Vec<_>>>()?;
+        let all = self.handle.query(&json!({ "query": "products", "folders": all }))?;
         Ok(all.chunks_exact(folders.len().max(1)).map(<[f64]>::to_vec).collect())
     }
 }
@@ -95,9 +97,4 @@ pub struct Source {
     pub weight: f64,
     /// Own velocity over that of its run.
     pub ratio: f64,
-}
-
-fn absolute<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<Vec<PathBuf>> {
-    let path = |p: &PathBuf| std::path::absolute(p).map_err(|e| Error::file(p, format!("is no path: {e}")));
-    paths.into_iter().map(path).collect()
 }

@@ -24,8 +24,6 @@ pub struct Patch {
     pub name: String,
     /// Type in `constant/polyMesh/boundary`.
     pub kind: String,
-    /// Number of faces.
-    pub faces: usize,
     /// Lower corner of its points, m.
     pub lower: [f64; 3],
     /// Upper corner of its points, m.
