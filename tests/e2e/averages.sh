@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Takes minutes.
 # m4gnAverages: a run in a pulsating flow ends when the mean and the rms of the drag are known, with figures that a longer run's lie within;
-# it carries on from any write time, after a kill too, and not from series that are damaged; two ranks end as one; errors are told by entry; strides of a
-# surrogate weigh as the time that they stand for; a steady solver's values that settle are known.
+# it carries on from any write time, after a kill too, and not from series that are damaged; two ranks end as one; errors are told by entry; a steady
+# solver's values that settle are known. dmd.sh has the means of a run with a surrogate.
 # shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case endTime 2.5 writeInterval 0.25
@@ -194,16 +194,3 @@ control startFrom latestTime
 runs simpleFoam
 settled=$(awk 'END { print $2 }' postProcessing/forces/[1-9]*/coefficient.dat)
 holds "($known - $settled)^2 <= $half^2" "the drag $settled of 1000 iterations is within $half of $known:"
-
-# Strides of a surrogate weigh as their time, and the share that came from it is told
-cd "$work"
-make_case jumps endTime 4 writeInterval 0.5 writeFormat binary
-set_entries system/fvSolution tolerance 1e-7 relTol 0.05
-beside='test { type m4gnSurrogate; libs (m4gnFoam); mode replace; surrogates (dmd); timeStart 2;
-    dmd { snapshotInterval 0.05; minSnapshots 24; fitTolerance 0.025; } }'
-averages ''
-runs icoFoam
-replaces 0.2 icoFoam
-told=$(calc "$(figure . Cd surrogate_share)*(4 - $(figure . Cd transient_end))")
-holds "($told - $(entry replaced_time))^2 < 1e-4" "s from a surrogate, by the share that is told and by its own account: $told, $(entry replaced_time);"
-expect_log 'm4gn: Cd .* % of the time from a surrogate'

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# m4gnSurrogate with surrogates (dmd): no model; against the plain run, on two ranks, refused where it cannot be. verify.sh and restart.sh carry such runs
+# m4gnSurrogate with surrogates (dmd): no model; against the plain run, with means beside it, on two ranks, refused where it cannot be. verify.sh and restart.sh carry such runs
 # on.
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case endTime 4 writeInterval 0.25 writeFormat binary
@@ -16,7 +16,9 @@ plain 2 4
 plain=$(largest log.run)
 
 dmd() { echo "mode replace; surrogates (dmd); timeStart 2; dmd { snapshotInterval 0.05; minSnapshots 24; fitTolerance 0.025; $* }"; }
+beside="$(drag forces) averages { type m4gnAverages; libs (m4gnAverages); quantities { Cd { functionObject forces; result Cd; relative 0.01; } } }"
 ride "$(dmd 'writeModes 1;')"
+unset beside
 # A pressure without an equation in time is carried: the noise of its tolerance is none of the fit's
 expect_log '^m4gn: the dmd surrogate advances U, p, phi'
 decided "a fit of U alone" "list(of('fit', decision='used')[0]['errors']) == ['U']"
@@ -25,6 +27,11 @@ decided "rows of modes.dat" "sum(len(d['modes']) for d in of('fit', decision='us
 decided "shares of the energy" "not [d for d in of('fit', decision='used') if abs(sum(m['energy'] for m in d['modes']) - 1) > 1e-9]"
 expect_log 'it is used: .*growth -*[0-9.e-]* 1/s'
 replaces 0.2 icoFoam
+# Strides weigh in a mean as the time that they stand for, and the share that came from the surrogate is told
+figure() { python3 -c 'import json, sys; print(json.load(open("postProcessing/averages/0/averages.json"))["Cd"][sys.argv[1]])' "$1"; }
+told=$(calc "$(figure surrogate_share)*(4 - $(figure transient_end))")
+holds "($told - $(entry replaced_time))^2 < 1e-4" "s from a surrogate, by the share that is told and by its own account: $told, $(entry replaced_time);"
+expect_log 'm4gn: Cd .* % of the time from a surrogate'
 jumps=$(grep -vc '^#' postProcessing/test/0/surrogate.dat)
 # What is handed back is as free of divergence as the solver's own, and so is the solver's next step
 below "$(largest log.run)" "$(calc "1.5*$plain")" "largest continuity error"
