@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Beams of rubber in solids4foam, by each way to run them: segregated, with m4gnAnderson, with Newton-Krylov, with surrogates. Processor time of the
-# whole run over the segregated solver's, and over that of the fastest plain solver with no larger error; errors of D and of the force at the clamp.
+# whole run over the segregated solver's, and over that of the fastest plain solver with no larger error; errors of D, stress and force at the clamp.
 #   bench/solids.sh FOLDER [--newton FOLDER] [--only PATTERN]    docs/lab/2026-11-solids.md
 # --newton: a solids4foam with Newton-Krylov (setup/solids4foam.sh SOURCE FOLDER; ~/.cache/m4gn/solids4foam-snes). A command that was stopped goes on.
 # shellcheck source=tests/e2e/common.sh

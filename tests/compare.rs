@@ -2,7 +2,7 @@
 //!
 //! Needs OpenFOAM and `libm4gn_foam_bridge.so` beside the executable (setup/build.sh).
 
-use crate::common::{cube, field, put, uniform};
+use crate::common::{cube, field, note, put, uniform};
 use crate::program::{fails, figures, m4gn, success};
 use serde_json::Value;
 use std::fs;
@@ -340,10 +340,7 @@ fn the_reaction_of_a_solid_is_compared_where_both_runs_know_it() {
     stress(&runs.b, 3, 4.0, 0.0);
     // A stress of the solver's last step, under a time of the surrogate's
     stress(&runs.b, 4, 9.0, 9.0);
-    let file = runs.b.join("4/sigma");
-    let text = fs::read_to_string(&file).unwrap();
-    let note = "format ascii; note \"m4gn: not advanced by the surrogate, values of time 3\";";
-    fs::write(&file, text.replacen("format ascii;", note, 1)).unwrap();
+    note(&runs.b, "4/sigma", "m4gn: not advanced by the surrogate, values of time 3");
 
     let (text, found) = runs.compared(&["--patch", "outlet"]);
     let reaction = &found["reaction"];
@@ -368,4 +365,32 @@ fn the_reaction_of_a_solid_is_compared_where_both_runs_know_it() {
     };
     assert!(row("rms reaction force on outlet").ends_with("20.0 %"), "{text}");
     assert!(row("largest reaction force on outlet").ends_with("25.0 %"), "{text}");
+}
+
+/// Full: 3 Pa along x at all times but the first, when there is none; hybrid: at 2 s a shear of 0.3 Pa too much, then right.
+#[test]
+fn the_stress_of_a_solid_is_compared_where_both_runs_have_it_at_all_times() {
+    let runs = Runs::new();
+    for (case, scale) in [(&runs.a, 1.0), (&runs.b, 0.9)] {
+        sways(case, scale);
+        (1..=24).for_each(|time| stress(case, time, if time == 1 { 0.0 } else { 3.0 }, 0.0));
+    }
+    stress(&runs.b, 2, 3.0, 0.3);
+    let (text, found) = runs.compared(&[]);
+    let sigma = &found["fields"]["sigma"];
+    // Of nine components one is 3 Pa, and two are wrong by 0.3 Pa at one of 23 times
+    let near = |value: &Value, expected: f64| (value.as_f64().unwrap() - expected).abs() < 1e-12;
+    assert!(near(&sigma["rms"], 1.0), "{sigma}");
+    assert!(near(&sigma["rmse"][0], 0.02_f64.sqrt()), "{sigma}");
+    assert!(near(&sigma["rmse"][22], (0.02_f64 / 23.0).sqrt()), "{sigma}");
+    assert!(near(&sigma["hold_last_rmse"][22], 1.0), "{sigma}");
+    assert!(text.contains("hybrid [sigma]") && runs.page().contains("hybrid [sigma]"), "{text}");
+
+    // A stress of the solver's last step at a time of the surrogate's, and none at all
+    note(&runs.b, "4/sigma", "m4gn: not advanced by the surrogate, values of time 3");
+    let (text, found) = runs.compared(&[]);
+    assert!(found["fields"]["sigma"].is_null() && !text.contains("[sigma]"), "{text}");
+    stress(&runs.b, 4, 3.0, 0.0);
+    fs::remove_file(runs.a.join("24/sigma")).unwrap();
+    assert!(runs.compared(&[]).1["fields"]["sigma"].is_null());
 }

@@ -131,3 +131,27 @@ fn a_force_that_is_not_known_is_not_guessed() {
     put(dir.path(), "constant/solidProperties", "dictionary", updated);
     assert_eq!(unknown(), Reaction::Unknown(Unknown::Moved));
 }
+
+#[test]
+fn the_stress_at_the_cells_is_that_of_its_time() {
+    let _alone = alone();
+    let dir = TempDir::new().unwrap();
+    stressed(dir.path());
+    let read = || open(dir.path()).unwrap().stress(0).unwrap();
+    let cell = [7.0, 2.0, 3.0, 2.0, -1.0, 0.5, 3.0, 0.5, 4.0];
+    assert_eq!(read(), Some([cell, cell].concat()));
+    let path = dir.path().join("1/sigma");
+    let whole = fs::read_to_string(&path).unwrap();
+    let value = "(7 2 3 -1 0.5 4)";
+    let list = format!("nonuniform List<symmTensor> 2({value} {value})");
+    assert!(whole.contains(&list), "{whole}");
+    fs::write(&path, whole.replace(&list, &format!("uniform {value}"))).unwrap();
+    assert_eq!(read(), Some([cell, cell].concat()));
+    note(dir.path(), "1/sigma", "m4gn: not advanced by the surrogate, values of time 0.5");
+    assert_eq!(read(), None);
+    // A conductivity, say
+    fs::write(&path, whole.replace("volSymmTensorField", "volScalarField")).unwrap();
+    assert_eq!(read(), None);
+    fs::remove_file(&path).unwrap();
+    assert_eq!(read(), None);
+}

@@ -207,7 +207,7 @@ fn solids_are_compared_by_their_displacement() {
         .unwrap();
     assert!(run.status.success(), "{}", text(&run));
     assert!(text(&run).contains("D %") && !text(&run).contains("drag"), "{}", text(&run));
-    for column in ["D/range %", "force %"] {
+    for column in ["stress %", "D/range %", "force %"] {
         assert!(text(&run).contains(column), "{column}: {}", text(&run));
     }
     let found = figures(&json);
@@ -228,6 +228,7 @@ fn solids_are_compared_by_their_displacement() {
         let number = |key: &str| score[key].as_f64().unwrap_or_else(|| panic!("{name} {key}: {score}"));
         assert!(number("end") < 0.2, "{score}");
         assert!(number("displacement") > 0.0 && number("displacement") < 0.2, "{score}");
+        assert!(number("stress") > 0.0, "{score}");
         assert!(score["drag"].is_null() && number("cells") == 320.0, "{score}");
         let cost = &found["cases"][0]["runs"][name]["cost"];
         let [whole, after] = ["processor", "after_takeover"].map(|k| cost[k].as_f64().unwrap());

@@ -52,6 +52,7 @@ template const Foam::volSymmTensorField& m4gn::FoamCase::Data::read(
     Known<Foam::volSymmTensorField>&, const Foam::word&);
 template const Foam::volTensorField& m4gn::FoamCase::Data::read(
     Known<Foam::volTensorField>&, const Foam::word&);
+template bool m4gn::FoamCase::Data::is<Foam::volSymmTensorField>(const Foam::word&) const;
 template bool m4gn::FoamCase::Data::is<Foam::volTensorField>(const Foam::word&) const;
 
 bool m4gn::FoamCase::has_field(rust::Str name, std::size_t time)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What a case of a solid says beside its displacement: the force on a patch.
+// What a case of a solid says beside its displacement: its stress, and the force on a patch.
 
 #include "FoamData.H"
 
@@ -37,6 +37,26 @@ bool m4gn::FoamCase::Data::up_to_date(const Foam::word& name) const
     // reconstructPar does not take notes over: the first processor's file says what that of the whole case does not
     return Foam::isFile(stored_time().timePath() / name) && !marked(time.timePath() / name)
            && !marked(path / "processor0" / time.timeName() / name);
+}
+
+rust::Vec<double> m4gn::FoamCase::stress(std::size_t time)
+{
+    data_->set_time(time);
+    rust::Vec<double> result;
+    if (!data_->up_to_date("sigma") || !data_->is<Foam::volSymmTensorField>("sigma")) {
+        return result;
+    }
+
+    // Components off the diagonal count twice in a tensor's magnitude
+    const Foam::symmTensorField& cells = data_->read(data_->symmTensors, "sigma").primitiveField();
+    result.reserve(9 * cells.size());
+    for (const Foam::symmTensor& cell : cells) {
+        const Foam::tensor stress(cell);
+        for (Foam::direction d = 0; d < 9; ++d) {
+            result.push_back(stress[d]);
+        }
+    }
+    return result;
 }
 
 rust::Vec<double> m4gn::FoamCase::reaction(rust::Str patch, std::size_t time)

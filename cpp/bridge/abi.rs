@@ -1,4 +1,4 @@
-//! The C interface that m4gn loads, version 7. Statuses: 0 fine, 1 failed; the message is `m4gn_foam_last_error()`.
+//! The C interface that m4gn loads, version 8. Statuses: 0 fine, 1 failed; the message is `m4gn_foam_last_error()`.
 //!
 //! Everything is said with four calls on an open case: `m4gn_foam_describe` gives a JSON object, `m4gn_foam_query`
 //! answers a JSON request with numbers, `m4gn_foam_mesh` hands out the structs of `m4gn.h`, and `m4gn_foam_write` writes
@@ -16,7 +16,7 @@ use std::{
 };
 
 /// Version of this interface; m4gn refuses a library of another.
-const ABI_VERSION: u32 = 7;
+const ABI_VERSION: u32 = 8;
 
 /// An open case and what it was last asked.
 pub struct Case {
@@ -43,6 +43,8 @@ enum Query {
     Force { patch: String, time: usize },
     /// Flux, area, integral of U: `[5]`
     Flow { patch: String, time: usize },
+    /// Stress of a solid at its cells, all nine components `[n x 9]`; empty where there is no `sigma` of that time.
+    Stress { time: usize },
     /// Force on a patch of a solid, N: 0 and the vector `[4]`, or why there is none `[1]`: 1 no `sigma` is stored, 2 it was
     /// not advanced by the surrogate, 3 it is over the density, 4 the mesh moves with the body.
     Reaction { patch: String, time: usize },
@@ -275,6 +277,7 @@ fn answer(case: &mut UniquePtr<FoamCase>, query: Query) -> Result<Vec<f64>, cxx:
         Query::Vector { name, time } => case.vector_field(&name, time)?,
         Query::Force { patch, time } => case.force(&patch, time)?,
         Query::Flow { patch, time } => case.flow(&patch, time)?,
+        Query::Stress { time } => case.stress(time)?,
         Query::Reaction { patch, time } => case.reaction(&patch, time)?,
         Query::TakeStart { sources, weights, ratios } => {
             vec![case.take_start(&sources, &weights, &ratios)? as f64]

@@ -35,6 +35,7 @@ mod foam {
         fn vector_field(self: Pin<&mut FoamCase>, name: &str, time: usize) -> Result<Vec<f64>>;
         fn force(self: Pin<&mut FoamCase>, patch: &str, time: usize) -> Result<Vec<f64>>;
         fn flow(self: Pin<&mut FoamCase>, patch: &str, time: usize) -> Result<Vec<f64>>;
+        fn stress(self: Pin<&mut FoamCase>, time: usize) -> Result<Vec<f64>>;
         fn reaction(self: Pin<&mut FoamCase>, patch: &str, time: usize) -> Result<Vec<f64>>;
         fn set_node_types(self: Pin<&mut FoamCase>, keys: &Vec<String>, types: &Vec<String>) -> Result<()>;
         fn mesh(&self) -> *const m4gn_mesh_data;

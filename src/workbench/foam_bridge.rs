@@ -1,4 +1,4 @@
-//! Loads `libm4gn_foam_bridge.so` and calls its C interface (`cpp/bridge/abi.rs`, version 7).
+//! Loads `libm4gn_foam_bridge.so` and calls its C interface (`cpp/bridge/abi.rs`, version 8).
 #![allow(unsafe_code)]
 
 use m4gn_base::plugin::{Description, Plugin, c_string, folder_variable};
@@ -18,7 +18,7 @@ use std::{
 pub const LIBRARY: Description = Description {
     file: "libm4gn_foam_bridge.so",
     prefix: "m4gn_foam",
-    version: 7,
+    version: 8,
     remedy: "It is built by setup/build.sh and needs the libraries of the OpenFOAM that it was built against (Debian: \
              package libopenfoam)",
     global: true,

@@ -9,7 +9,7 @@ ln -s "$M4GN_HOME/models" models
 follow solids4foam-beam 's/--count 3/--count 1 --end 3.1/; s/--variant dmd=dmd.txt/& --json dmd.json/
     s/--html/--variant off=off,anderson=off --json network.json &/'
 [ "$(grep -c '^0000  full ' log.run)" -eq 1 ] || fail 'the plain run is not there for the second command'
-grep -q 'D %' run/rubber.html || fail 'the report has no error of the displacement'
+for column in D stress; do grep -q "$column %" run/rubber.html || fail "the report has no column $column %"; done
 mv dmd.json hybrid.json
 claim dmd displacement 1 0.15
 mv network.json hybrid.json

@@ -1,7 +1,7 @@
 //! How far a hybrid run is from the full run of the same case, and what it cost.
 //!
-//! Errors are root mean squares over cells and solved components, unweighted ([`crate::errors`]); over a horizon also over its
-//! stored times, as the paper's RMSE-1, RMSE-50 (50 stored times) and RMSE-all. The headline is the velocity of a flow, the
+//! Errors are root mean squares over cells and solved components (of a stress all nine), unweighted ([`crate::errors`]); over a
+//! horizon also over its stored times, as the paper's RMSE-1, RMSE-50 (50 stored times) and RMSE-all. The headline is the velocity of a flow, the
 //! displacement of a solid, the temperature of what has neither; the other fields that a surrogate may predict are compared where both runs stored
 //! them. Errors count
 //! from the takeover, the last time that the solver had computed before the surrogate first acted. "Hold last" keeps the full
@@ -83,7 +83,7 @@ pub struct Comparison {
     pub headline: FieldErrors,
     /// What is left of the headline's error at the last time where a shift in time is taken out; none: the full run does not repeat itself.
     pub phase_free: Option<PhaseFree>,
-    /// The other fields that both runs stored at all times.
+    /// The other fields that both runs stored at all times, of a solid the stress `sigma`.
     pub fields: BTreeMap<String, FieldErrors>,
     /// Drag and lift of a flow; none: no forces were compared.
     #[serde(flatten)]
@@ -169,6 +169,7 @@ pub fn compare(
     let n = if name == "T" { 1 } else { directions.len() };
     let mut headline = Track::new(values(a, (name, hold.0), &Mapping::Same, &directions)?);
     let mut others = other_fields(a, b, name, hold, &pairs)?;
+    let mut stress = if solid { a.stress(hold.0)?.map(Track::new) } else { None };
     let kept = choose(pairs.len(), if solid { 0 } else { options.snapshots });
     let (mut snapshots, mut displacements) = (Vec::new(), motion::Fields::default());
     for (done, &(i, j)) in pairs.iter().enumerate() {
@@ -187,6 +188,13 @@ pub fn compare(
         if let Some(reaction) = &mut reaction {
             reaction.add(a, b, (i, j))?;
         }
+        if let Some(track) = &mut stress {
+            match (a.stress(i)?, b.stress(j)?) {
+                (Some(of_a), Some(of_b)) => track.add(&of_a, &of_b),
+                // The errors of some times are not those of the run
+                _ => stress = None,
+            }
+        }
         if kept.contains(&done) {
             snapshots.push(Snapshot::new(times[done], &va, &vb, n));
         }
@@ -196,6 +204,7 @@ pub fn compare(
         }
         progress(done + 1, pairs.len());
     }
+    others.extend(stress.map(|track| ("sigma", track)));
     let headline = headline.finish();
     let motion = match solid {
         true => Some(Motion::new(a, options, &displacements, (takeover, &times), &headline)?),

@@ -131,10 +131,11 @@ impl Comparison {
 
         page.heading(&format!("Error of the {name}"));
         page.paragraph(&format!(
-            "Root mean square over {} cells and the solved components, over the stored times from the takeover at {} s up to the \
+            "Root mean square over {} cells and the solved components{}, over the stored times from the takeover at {} s up to the \
              horizon. Hold last: the full run's field at the takeover, kept. The full run's own root-mean-square {name} \
              is {} {unit}.",
             self.cells,
+            if self.fields.contains_key("sigma") { " (of sigma all nine)" } else { "" },
             seconds(self.takeover),
             number(self.headline.rms, 3)
         ));

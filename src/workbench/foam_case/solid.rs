@@ -39,6 +39,16 @@ impl Unknown {
 }
 
 impl FoamCase {
+    /// Stress at the cells at time number `time`, all nine components; none where no `sigma` is stored, or the surrogate did not
+    /// advance it.
+    ///
+    /// # Errors
+    /// OpenFOAM's message for a broken file; a non-finite value.
+    pub fn stress(&mut self, time: usize) -> Result<Option<Vec<f64>>> {
+        let values = self.handle.query(&json!({ "query": "stress", "time": time }))?;
+        Ok(Some(self.finite(values, "sigma", time)?).filter(|v| !v.is_empty()))
+    }
+
     /// Force on a patch at time number `time`, from the stored `sigma`; with the large strains of solids4foam's total
     /// Lagrangian models, on the deformed areas, by the stored `F` or else the gradient of `D`.
     ///

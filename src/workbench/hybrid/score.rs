@@ -22,6 +22,8 @@ pub struct Score {
     pub hold_last: [f64; 3],
     /// Of a solid: the displacement's error over the whole run, over its root mean square.
     pub displacement: Option<f64>,
+    /// The same of the stress `sigma`; none where a run has none of its own at some time.
+    pub stress: Option<f64>,
     /// Of a solid: the largest over the stored times of the root mean square over cells of the displacement's error, over the
     /// full run's largest displacement.
     pub range: Option<f64>,
@@ -98,6 +100,7 @@ impl Score {
         }
         if let Some(motion) = &c.motion {
             score.displacement = (errors.rms > 0.0).then(|| rmse[last] / errors.rms);
+            score.stress = c.fields.get("sigma").filter(|s| s.rms > 0.0).map(|s| s.rmse[last] / s.rms);
             score.range = Some(motion.displacement_error_of_range);
             score.cell = Some(motion.point_error_max);
             score.frequency = change(motion.frequency);

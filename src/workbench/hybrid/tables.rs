@@ -18,7 +18,7 @@ fn score(run: &RunRecord) -> Option<&Score> {
     run.score.as_ref()
 }
 
-const FIGURES: [Figure; 20] = [
+const FIGURES: [Figure; 21] = [
     ("whole %", "whole", |d, r| percent(whole_time(d, r, |c| c.processor))),
     ("whole wall %", "whole_wall", |d, r| percent(whole_time(d, r, |c| c.wall))),
     ("ended s", "ended", |_, r| score(r)?.ended),
@@ -29,6 +29,7 @@ const FIGURES: [Figure; 20] = [
     ("end", "end", |_, r| score(r)?.end),
     ("phase-free", "phase_free", |_, r| score(r)?.phase_free),
     ("D %", "displacement", |_, r| percent(score(r)?.displacement)),
+    ("stress %", "stress", |_, r| percent(score(r)?.stress)),
     ("D/range %", "range", |_, r| percent(score(r)?.range)),
     ("cell %", "cell", |_, r| percent(score(r)?.cell)),
     ("drag %", "drag", |_, r| percent(score(r)?.drag)),
@@ -43,8 +44,8 @@ const FIGURES: [Figure; 20] = [
 
 /// The figure of which more is better.
 const TIMES_AS_FAST: &str = "times_as_fast";
-/// Figures of a patch's force, a dash where no time has the stress.
-const OF_STRESSES: [&str; 3] = ["reaction", "reaction_of_solver", "reaction_max"];
+/// Figures of the stress and of a patch's force, a dash where it is not known.
+const OF_STRESSES: [&str; 4] = ["stress", "reaction", "reaction_of_solver", "reaction_max"];
 
 fn percent(value: Option<f64>) -> Option<f64> {
     value.map(|v| 100.0 * v)
