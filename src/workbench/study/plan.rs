@@ -14,7 +14,7 @@ use toml::{Table, Value};
 pub struct Plan {
     /// Title of the report.
     pub title: String,
-    /// Updates of every training. Of this and `minutes`, one is given.
+    /// Updates of every training. Of this and `minutes` one is given, or none: then each configuration says its own.
     pub steps: Option<u64>,
     /// Time of every training, min.
     pub minutes: Option<f64>,
@@ -133,10 +133,11 @@ impl Plan {
         let budget = match (self.steps, self.minutes) {
             (Some(steps), None) => steps > 0,
             (None, Some(minutes)) => minutes.is_finite() && minutes > 0.0,
+            (None, None) => true,
             _ => false,
         };
         if !budget {
-            return Err("expected steps = N or minutes = T, one of them, above 0".into());
+            return Err("expected steps = N or minutes = T, at most one of them, above 0".into());
         }
         // Those of a session, with which a training that took hours could not be validated.
         if !(1..=1024).contains(&self.threads) {
@@ -215,8 +216,8 @@ impl Plan {
         Some(said.unwrap_or(unsaid).to_string())
     }
 
-    /// The configuration of a network on a data set: the data set's file, what it sets, and what the network sets. The budget is the study's; one of
-    /// steps is where the learning rate reaches its end.
+    /// The configuration of a network on a data set: the data set's file, what it sets, and what the network sets. The study's budget, where
+    /// it has one, takes the place of the configuration's; one of steps is where the learning rate reaches its end.
     ///
     /// # Errors
     /// As [`delta::table`].
@@ -309,6 +310,31 @@ data = ["flow"]
         assert_eq!(whole, expected.parse::<Table>().unwrap());
         let kinds = ["M4GN", "no segments", "GCN"].map(|network| plan.kind("flow", network));
         assert_eq!(kinds, [Some("m4gn".into()), Some("m4gn".into()), None]);
+        // Without a budget it is the configuration's.
+        let own = Plan { steps: None, ..plan };
+        assert_eq!(own.check(), Ok(()));
+        let whole: Table = own.config(&own.data[1], &own.network[0]).unwrap().parse().unwrap();
+        let expected = "steps = 9\nmax_minutes = 5.0\nbatch_size = 1\n";
+        assert_eq!(whole["training"].as_table(), expected.parse::<Table>().ok().as_ref());
+    }
+
+    /// Appendix B.2 and B.3.
+    #[test]
+    fn the_papers_study_has_the_papers_updates_noise_and_radius() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/study/paper.toml");
+        let plan = Plan::read(&file).unwrap();
+        let mut seen = 0;
+        for (data, network, _) in plan.cells().into_iter().filter(|c| c.0.name == "DeformingBeam") {
+            let text = plan.config(data, network).unwrap();
+            let config = m4gn_train::config::Config::parse(&text).unwrap();
+            let ours = ["M4GN", "EAGLE, 38 clusters"].contains(&network.name.as_str());
+            let radius = if network.name == "MGN of beams" { 0.003 } else { 0.002 };
+            assert_eq!(config.training.noise["D"], if ours { 1e-4 } else { 1e-3 }, "{}", network.name);
+            assert_eq!(config.contact.map(|c| c.radius), Some(radius), "{}", network.name);
+            assert_eq!((config.training.steps, config.training.decay_steps), (1_000_000, 500_000));
+            seen += 1;
+        }
+        assert_eq!(seen, 6 * plan.seeds.len());
     }
 
     #[test]
@@ -333,7 +359,7 @@ data = ["flow"]
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("s.toml");
         for (from, to, expected) in [
-            ("steps = 100", "", "steps = N or minutes = T"),
+            ("steps = 100", "steps = 0", "steps = N or minutes = T"),
             ("steps = 100", "steps = 100\nminutes = 3.0", "one of them"),
             ("[1, 2]", "[1, 1]", "none twice"),
             ("steps = 100", "steps = 100\nthreads = 0", "threads = 0: expected 1 to 1024"),

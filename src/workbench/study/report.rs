@@ -298,7 +298,8 @@ fn note(plan: &Plan, figures: &Value) -> String {
     let trajectories: u64 = splits.filter_map(|(_, v)| v["trajectories"].as_u64()).sum();
     let budget = match (plan.steps, plan.minutes) {
         (Some(steps), _) => format!("{steps} updates"),
-        (_, minutes) => format!("{} min of training", number(minutes.unwrap_or(0.0), 3)),
+        (None, Some(minutes)) => format!("{} min of training", number(minutes, 3)),
+        (None, None) => "the configuration's updates".into(),
     };
     format!(
         "{trajectories} trajectories, {}; mean ± standard deviation over seeds, {budget} each.",
