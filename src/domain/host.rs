@@ -57,6 +57,10 @@ pub trait Host: Send {
         Err(Error::Input("the model is of fields at cells: it knows no obstacle that moves".into()))
     }
 
+    /// Looks at a recorded state of the host's fields. At points of walls a vector that differs from one such state to another is predicted;
+    /// else it is prescribed.
+    fn see(&mut self, _fields: &[Field]) {}
+
     /// What the elements are made of, where the domain says so itself.
     fn solid(&self) -> Option<&Solid> {
         None

@@ -87,6 +87,12 @@ impl Session {
         &self.comm
     }
 
+    /// Looks at a recorded state. At points of walls a vector that differs from one such state to another is predicted, as in a training on
+    /// these states; else it stays as the host has it.
+    pub fn see(&mut self, fields: &[Field]) {
+        self.host.see(fields);
+    }
+
     /// One step: reads every input field at time t, writes every output field's cells at t + stride. Collective;
     /// all ranks fail together, and nothing is written then.
     ///

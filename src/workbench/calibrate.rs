@@ -4,8 +4,7 @@ use crate::validate::{Scene, fits, predicted, stepper};
 use m4gn_base::{Error, Result};
 use m4gn_data::Trajectory;
 use m4gn_model::{Calibration, Model, RolloutErrors};
-use m4gn_parallel::Comm;
-use m4gn_step::{Session, SessionOptions};
+use m4gn_step::SessionOptions;
 
 /// Errors of each predicted field in one rollout.
 pub type Rollout = Vec<RolloutErrors>;
@@ -15,7 +14,7 @@ pub type Rollout = Vec<RolloutErrors>;
 /// and ends the run with an error of its own.
 ///
 /// # Errors
-/// [`Error::Input`] for a trajectory that is too short; as [`fits`] and [`Session::new`].
+/// [`Error::Input`] for a trajectory that is too short; as [`fits`] and [`Scene::session`].
 pub fn rollouts(
     model: &Model,
     trajectory: &Trajectory,
@@ -33,7 +32,7 @@ pub fn rollouts(
         )));
     };
     let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
-    let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, options)?;
+    let mut session = scene.session(model, options)?;
     let mut step = stepper(&mut session, trajectory, outside);
     let fields = predicted(&model.spec.fields).len();
     let count = starts.min(last);

@@ -4,9 +4,8 @@ use crate::validate::{Scene, fits, stepper};
 use m4gn_base::Result;
 use m4gn_data::{FieldMeta, Trajectory, WriteOptions, Writer};
 use m4gn_model::Model;
-use m4gn_parallel::Comm;
 use m4gn_report::{Table, number};
-use m4gn_step::{Session, SessionOptions};
+use m4gn_step::SessionOptions;
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -39,7 +38,7 @@ pub struct Predicted {
 /// what is prescribed in the last frame; none: as many as are recorded. `progress` is called after each step.
 ///
 /// # Errors
-/// As [`fits`], [`Session::new`] and [`Writer`]; those of `progress`. Nothing is written then. A rollout that becomes
+/// As [`fits`], [`Scene::session`] and [`Writer`]; those of `progress`. Nothing is written then. A rollout that becomes
 /// non-finite is no error but noted, and what came before is written.
 pub fn run(
     model: &Model,
@@ -71,7 +70,7 @@ pub fn run(
     };
     append(&scene.state(0), 0)?;
     let mut outside = Vec::new();
-    let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, options)?;
+    let mut session = scene.session(model, options)?;
     let mut step = stepper(&mut session, trajectory, &mut outside);
     let names = scene.fields().filter(|f| !f.is_given());
     let errors = |f: &m4gn_model::FieldSpec| FieldErrors {

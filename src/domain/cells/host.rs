@@ -5,7 +5,7 @@ use super::{Cells, Levels};
 use crate::boundary::{Boundary, faces_seen_as_their_cells};
 use crate::field::expect_shape;
 use crate::host::{Host, HostOptions, Hosted, Predict};
-use crate::{Domain, Field};
+use crate::{Components, Domain, Field};
 use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
 use m4gn_model::{FieldSpec, ModelSpec, Output, SegmentSpec, cell_size};
@@ -25,6 +25,8 @@ pub struct CellsHost {
     /// The way to the groups that the network lives on, where these are not the cells.
     groups: Option<OnGroups>,
     levels: Levels,
+    /// What of the boundary is prescribed.
+    rule: Boundary,
     /// Of each output the boundary faces at points that have it prescribed, and these points.
     held: Vec<Vec<(usize, usize)>>,
     /// All components of the fields `[(n_cells + n_boundary) x components]`; zero where the model does not read them.
@@ -64,7 +66,7 @@ impl CellsHost {
         };
         let domain = Cells::new(nodes, spec);
         let rule = Boundary::new(mesh, &spec.fields, spec.dim);
-        let held = domain.components().outputs.iter().map(|&c| rule.held_points(c).collect()).collect();
+        let held = held(&rule, domain.components());
         let size = mesh.n_nodes() * domain.components().count;
         Ok(Hosted {
             n_segments: structure.n_segments(),
@@ -77,6 +79,7 @@ impl CellsHost {
                 n_boundary: mesh.boundary.len(),
                 read_from_cells: faces_seen_as_their_cells(mesh),
                 groups,
+                rule,
                 held,
                 levels: Levels::new(mesh, spec, comm),
                 state: vec![0.0; size],
@@ -209,6 +212,20 @@ impl Host for CellsHost {
         comm.agree(done)
     }
 
+    fn see(&mut self, fields: &[Field]) {
+        if self.held.iter().all(Vec::is_empty) {
+            return;
+        }
+        for (k, spec) in self.spec.fields.iter().enumerate().filter(|(_, spec)| spec.vector) {
+            let Some(field) = fields.iter().find(|f| f.name == spec.name) else { continue };
+            let rows = field.boundary.chunks_exact(field.components);
+            let solved = rows.flat_map(|row| self.directions.iter().map(|&d| row[d] as f32));
+            self.rule.see_field(k, &[], &solved.collect::<Vec<f32>>());
+        }
+        self.rule.settle();
+        self.held = held(&self.rule, self.domain.components());
+    }
+
     fn groups(&self) -> Option<&Coarse> {
         self.groups.as_ref().map(|groups| &groups.coarse)
     }
@@ -216,6 +233,11 @@ impl Host for CellsHost {
     fn seen(&self) -> &[f32] {
         &self.state
     }
+}
+
+/// Of each output the boundary faces at points that have it prescribed, and these points.
+fn held(rule: &Boundary, components: &Components) -> Vec<Vec<(usize, usize)>> {
+    components.outputs.iter().map(|&c| rule.held_points(c).collect()).collect()
 }
 
 fn place(node: usize, n_cells: usize) -> String {

@@ -32,7 +32,6 @@ use m4gn_base::{Error, Result, listed};
 use m4gn_data::{Split, Trajectory, list};
 use m4gn_domain::Kind;
 use m4gn_model::{FieldSpec, Model, ModelSpec};
-use m4gn_parallel::Comm;
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use m4gn_structure::diameter;
 use std::path::{Path, PathBuf};
@@ -228,7 +227,7 @@ pub fn run(
 ) -> Result<Case> {
     let pace = fits(&model.spec, trajectory)?;
     let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
-    let mut session = Session::new(Comm::serial(), trajectory.mesh(), model, options)?;
+    let mut session = scene.session(model, options)?;
     let node_segment = session.cell_segment().to_vec();
     let seen = if keep == Keep::Nothing && !node_segment.is_empty() { Keep::Shown } else { keep };
     let mut outside = Vec::new();

@@ -8,9 +8,9 @@ use m4gn_domain::Boundary;
 use m4gn_domain::body::quality::Quality;
 use m4gn_mesh::Mesh;
 use m4gn_mesh::vector::Vector;
-use m4gn_model::{FieldSpec, Level, Output};
+use m4gn_model::{FieldSpec, Level, Model, Output};
 use m4gn_parallel::Comm;
-use m4gn_step::{Field, FieldMut};
+use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use m4gn_train::errors::SquaredError;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -108,6 +108,25 @@ impl<'a> Scene<'a> {
             level: Level::new(mesh, &Comm::serial()),
             shape: Shape::new(trajectory),
         })
+    }
+
+    /// A session of a model, which has seen the recorded states.
+    ///
+    /// # Errors
+    /// As [`Session::new`].
+    pub fn session(&self, model: &Model, options: &SessionOptions) -> Result<Session> {
+        let mut session = Session::new(Comm::serial(), self.mesh, model, options)?;
+        for frame in 0..=self.pace.steps {
+            let states = self.tracks.iter().map(|t| (t, at(&t.recorded, frame)));
+            let fields = states.map(|(t, (cells, boundary))| Field {
+                name: &t.spec.name,
+                components: t.width,
+                cells,
+                boundary,
+            });
+            session.see(&fields.collect::<Vec<_>>());
+        }
+        Ok(session)
     }
 
     /// Names and the dimensions of all fields that are written of a state: those that are predicted, then those that are recorded and read.
