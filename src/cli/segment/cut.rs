@@ -59,6 +59,8 @@ pub struct Cut {
     pub modes: Modes,
     /// Segment of each cell.
     pub labels: Vec<i32>,
+    /// Directions of a mode of an elastic body, each of which is a vector of `modes`; none of modes of the Laplacian.
+    directions: Option<usize>,
     spec: SegmentSpec,
     quality: Quality,
     segmentation: Segmentation,
@@ -78,7 +80,14 @@ impl Cut {
         let labels = segmentation.node_segment[..mesh.n_cells()].to_vec();
         let quality = quality(mesh, graph, &labels, spec.count, comm)?;
         let cost = [for_modes, for_segments];
-        Ok(Cut { modes, labels, spec: spec.clone(), quality, segmentation, cost })
+        let directions = elastic.then_some(mesh.dim());
+        Ok(Cut { modes, labels, directions, spec: spec.clone(), quality, segmentation, cost })
+    }
+
+    /// Eigenvalues, ascending, one of each mode, and their unit.
+    pub fn eigenvalues(&self) -> (Vec<f64>, &'static str) {
+        let (directions, unit) = self.directions.map_or((1, "1/m2"), |n| (n, "1/s2"));
+        (self.modes.eigenvalues.iter().step_by(directions.max(1)).copied().collect(), unit)
     }
 
     /// Whether the last sweep moved nothing.
@@ -95,10 +104,11 @@ impl Cut {
 
     /// For people.
     pub fn text(&self) -> String {
-        let values: Vec<String> = self.modes.eigenvalues.iter().map(|v| number(*v, 5)).collect();
+        let (values, unit) = self.eigenvalues();
+        let values: Vec<String> = values.iter().map(|v| number(*v, 5)).collect();
         let mut text = match values.len() {
             0 => String::new(),
-            n => format!("{n} modes in {}: eigenvalues [1/m2] {}\n", self.cost[0], values.join(" ")),
+            n => format!("{n} modes in {}: eigenvalues [{unit}] {}\n", self.cost[0], values.join(" ")),
         };
         let (q, [smallest, largest], cells) = (&self.quality, self.sizes(), self.labels.len());
         text += &format!(
@@ -116,12 +126,12 @@ impl Cut {
         text
     }
 
-    /// For programs; eigenvalues in 1/m^2, ascending.
+    /// For programs.
     pub fn json(&self) -> Value {
         let [smallest, largest] = self.sizes();
         json!({
             "cells": self.labels.len(),
-            "eigenvalues": self.modes.eigenvalues,
+            "eigenvalues": self.eigenvalues().0,
             "method": self.spec.method.name(),
             "k": self.spec.count,
             "conductance": self.quality.conductance,

@@ -59,8 +59,8 @@ pub fn run(args: Args) -> Result<()> {
     print!("{}", cut.text());
     if write {
         let modes = &cut.modes.vectors;
-        let note =
-            format!("method {}, K {}, {} modes, tau {}", spec.method, spec.count, modes.len(), spec.tau);
+        let count = cut.eigenvalues().0.len();
+        let note = format!("method {}, K {}, {count} modes, tau {}", spec.method, spec.count, spec.tau);
         // Scalar fields of components would take the names of m4gnSegments' vector fields.
         let as_vectors = mesh.elastic.is_some() && matches!(input, Input::Case(_));
         let modes: &[Vec<f64>] = if as_vectors { &[] } else { modes };

@@ -85,6 +85,21 @@ fn a_chain_on_paper() {
     assert!(cut.text().starts_with("metis, 2 segments of 2 to 2 cells in "), "{}", cut.text());
 }
 
+/// The first two of three modes, each with a displacement in two directions.
+#[test]
+fn an_elastic_mode_is_told_once_and_in_its_unit() {
+    let (mut mesh, comm) = (sample::rectangle(4, 1, 4.0, 1.0), Comm::serial());
+    mesh.elastic = Some(m4gn_mesh::ElasticModes {
+        eigenvalues: vec![4.0, 9.0, 16.0],
+        vectors: vec![vec![[0.0, 1.0, 0.0]; 4]; 3],
+    });
+    let spec = spec("case --segments 2 --method metis --modes 2", &mesh).unwrap();
+    let cut = Cut::new(&mesh, &mut Graph::new(&mesh, &comm).unwrap(), &spec, &comm).unwrap();
+    assert_eq!((cut.modes.vectors.len(), &cut.json()["eigenvalues"]), (4, &serde_json::json!([4.0, 9.0])));
+    let text = cut.text();
+    assert!(text.starts_with("2 modes in ") && text.contains("eigenvalues [1/s2] "), "{text}");
+}
+
 /// Methods that need an obstacle say so.
 #[test]
 fn no_wall_no_distance_to_it() {
