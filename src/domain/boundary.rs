@@ -35,6 +35,13 @@ struct Face {
     at_owner: bool,
 }
 
+impl Face {
+    /// Whether a field at a point of a wall or an obstacle changes with time, as frames show.
+    fn slips(&self, field: &Columns) -> bool {
+        self.at_owner && matches!(self.kind, NodeType::Wall | NodeType::Obstacle) && field.moves[self.patch]
+    }
+}
+
 /// First component, number of components and kind of a field.
 #[derive(Clone, Debug)]
 struct Columns {
@@ -56,7 +63,7 @@ struct Columns {
 ///
 /// A node at the place of its boundary node is a point of the boundary. Its vectors are prescribed where those of the boundary node are,
 /// and held ([`Boundary::is_held`]): at inlets and handles, and at walls and obstacles but on patches where frames show that they
-/// change with time, as along a wall without friction.
+/// change with time, as along a wall without friction: there it is predicted, and the boundary node follows.
 #[derive(Clone, Debug)]
 pub struct Boundary {
     /// Nodes before those of the boundary.
@@ -156,7 +163,10 @@ impl Boundary {
         for (face, row) in self.faces.iter().zip(self.follows.chunks_exact_mut(self.width)) {
             for field in &self.fields {
                 let follows = match field.vector {
-                    true => matches!(face.kind, NodeType::Outlet | NodeType::Symmetry | NodeType::Free),
+                    true => {
+                        matches!(face.kind, NodeType::Outlet | NodeType::Symmetry | NodeType::Free)
+                            || face.slips(field)
+                    }
                     false => field.same[face.patch],
                 };
                 row[field.first..][..field.count].fill(follows);
@@ -172,7 +182,7 @@ impl Boundary {
             for field in self.fields.iter().filter(|field| field.vector) {
                 let held = match face.kind {
                     NodeType::Inlet | NodeType::Handle => true,
-                    NodeType::Wall | NodeType::Obstacle => !field.moves[face.patch],
+                    NodeType::Wall | NodeType::Obstacle => !face.slips(field),
                     _ => false,
                 };
                 if held {
@@ -353,6 +363,9 @@ mod tests {
         rule.see(&frame);
         rule.settle();
         assert_eq!(held(&rule), [0, 4, 8]);
+        for (face, follows) in mesh.boundary.iter().zip(rule.follows().chunks_exact(3)) {
+            assert_eq!(follows[0], matches!(face.kind, NodeType::Outlet | NodeType::Wall), "{face:?}");
+        }
         assert_eq!(Boundary::new(&sample::rectangle(4, 3, 1.0, 1.0), &fields(), 2).held, Vec::<bool>::new());
     }
 

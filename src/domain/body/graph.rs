@@ -116,7 +116,7 @@ impl Body {
         }
         let body = Body {
             components: Components::new(spec),
-            boundary: Boundary::new(&part.mesh, &spec.fields, spec.dim),
+            boundary: Boundary::prescribed(n, here, &spec.fields, spec.dim),
             radius: contact.radius,
             n_owned,
             n_local,
