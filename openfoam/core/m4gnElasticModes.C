@@ -69,7 +69,7 @@ Foam::m4gnElasticModes::m4gnElasticModes(const fvMesh& mesh, const dictionary& d
     m4gn_modes* raw = nullptr;
     m4gn::check(
         m4gn_solid_modes_new(m4gn::communicator(), &body.data(), options.c_str(), &raw),
-        "Modes of the elastic body cannot be had"
+        "Modes of the elastic body cannot be computed"
         " (operator laplacian does without)");
     const std::unique_ptr<m4gn_modes, void (*)(m4gn_modes*)> modes(raw, m4gn_modes_free);
 

@@ -172,7 +172,7 @@ Foam::scalar Foam::m4gnSegmentation::mode(const label modei, scalarField& cells)
     cells.resize(mesh_.nCells());
 
     double eigenvalue = 0;
-    m4gn::check(m4gn_segments_mode(segments_, modei, &eigenvalue, cells.data()), "A mode cannot be had");
+    m4gn::check(m4gn_segments_mode(segments_, modei, &eigenvalue, cells.data()), "A mode cannot be read");
 
     return eigenvalue;
 }

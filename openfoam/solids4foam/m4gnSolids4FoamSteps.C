@@ -68,7 +68,7 @@ Foam::string Foam::m4gnSolids4FoamLaw::cannotStep() const
                              || isA<fixedValueFvPatchVectorField>(patch)
                              || isA<zeroGradientFvPatchVectorField>(patch);
         if (!follows && !known.found(patch.type())) {
-            return "nobody knows what the condition " + patch.type() + " of the patch " + patch.patch().name()
+            return "it is unknown what condition " + patch.type() + " of the patch " + patch.patch().name()
                    + " keeps from one corrector to the next; needed: a condition of fixed values, or one of "
                    + m4gn::join(known.sortedToc());
         }

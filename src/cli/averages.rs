@@ -8,8 +8,8 @@ use std::path::PathBuf;
 
 /// Say how well a mean, an rms and a frequency are known
 ///
-/// Reads a column of a table over time, as OpenFOAM's function objects write it, finds where the transient ends, and tells the mean and
-/// the rms of the fluctuations with their confidence intervals, which know that the rows are correlated. A mean is settled when it does
+/// Reads a column of a table over time, as OpenFOAM's function objects write it, finds where the transient ends, and prints the mean and
+/// the rms of the fluctuations with their confidence intervals, which allow for the correlation of the rows. A mean is settled when it does
 /// not drift, rests on enough independent samples, and is within the tolerance, if one is given.
 #[derive(Debug, clap::Args)]
 pub struct Args {

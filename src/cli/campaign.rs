@@ -101,7 +101,7 @@ struct One {
 
 /// Make all runs that are missing, spread over the parameters first, then where the finished ones foretell worst
 ///
-/// Stopped at any moment, it goes on with the same command. Several may work on one campaign. A run that fails is told, and the others go on;
+/// Stopped at any moment, it goes on with the same command. Several may work on one campaign. A run that fails is reported, and the others go on;
 /// exit status 1 then.
 #[derive(Debug, clap::Args)]
 struct Run {

@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 ///
 /// The case's own solver runs a few steps in a copy of it, with the function object m4gnSurrogate, which jumps once: what is refused and handed over is
 /// decided by the code that decides it in a run. The case stays as it is. Its own function objects are kept, but those of m4gn. A case without
-/// a mesh is made ready by the commands of its Allrun before the solver, else by blockMesh; one that is decomposed, and has no mesh of its own, runs on its
-/// ranks. Exit status 0: it fits; 1: it does not, with the reason, or it could not be told in this time. See docs/how-to/check-a-case.md.
+/// a mesh is made ready by the commands of its Allrun before the solver, else by blockMesh. One whose mesh or fields are in the folders of its ranks alone
+/// runs on these. Exit status 0: it fits; 1: it does not, with the reason, or it could not be told in this time. See docs/how-to/check-a-case.md.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Folder of an OpenFOAM case, or a family of cases: its name, or a folder with family.toml

@@ -9,8 +9,9 @@ use std::path::PathBuf;
 /// Compare two finished OpenFOAM runs of the same case: fields, forces, shedding frequency, wall time.
 ///
 /// Reads the cases with OpenFOAM's own libraries: ASCII, binary, compressed; a decomposed run needs no reconstructPar, unless it is collated.
-/// Of a case with a displacement D and no pressure p, the displacement, the stress sigma where both runs have it at all times, the
-/// motion of one cell, its frequency and the reaction force on a patch are compared. Errors of the fields count from the time at which the surrogate of CASE_B took over, over all common stored times.
+/// Of a case with a displacement D and no pressure p it compares the displacement, the stress sigma where both runs have it at all times,
+/// the motion of one cell, its frequency and the reaction force on a patch. Errors of the fields count from the time at which the
+/// surrogate of CASE_B took over, over all common stored times.
 /// First come the times of the whole runs, with start-up and loading, over the simulated time that the logs of both
 /// have, then those after the takeover; a log without 'End' counts for nothing. Where there is no velocity U, the temperature T
 /// is compared in its place.

@@ -12,7 +12,7 @@ use std::sync::atomic::Ordering;
 ///
 /// Into m4gn's: DeepMind's MeshGraphNets data (*.tfrecord with meta.json beside it), NumPy archives (*.npz) and HDF5 copies (*.h5) of such flows
 /// on triangles and of bodies of tetrahedra that an obstacle touches, to OUT.h5 or into the folder OUT. Out of m4gn's: a trajectory, or a folder of them, to *.npz or to a series
-/// for ParaView (*.pvd). What is what is told by the names and the files.
+/// for ParaView (*.pvd). The names and the contents of files say what they are.
 ///
 /// Weights: a PyTorch state dict (*.safetensors, *.pt, *.pth) with the names of PhysicsNeMo's MeshGraphNet or of m4gn's models becomes a
 /// model that is --like another one in all that weights do not say; a model becomes a state dict --as physicsnemo or pytorch.

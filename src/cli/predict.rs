@@ -12,8 +12,8 @@ use std::path::PathBuf;
 /// Roll a model out from the first frame of trajectories, and write what it predicts
 ///
 /// The predictions are trajectories of the same schema, a stride of the model apart; 'm4gn convert' makes *.npz and files for ParaView of
-/// them. Printed are the errors, as far as the truth is recorded, beside persistence (the recorded frame one stride before) and
-/// hold first (the first frame).
+/// them. Prints the errors, as far as the truth is recorded, beside those of persistence (the recorded frame one stride before) and
+/// of hold first (the first frame).
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Model (*.safetensors)

@@ -7,9 +7,9 @@ use std::path::PathBuf;
 
 /// Train networks on data sets with several seeds, at equal updates or equal time, and compare them in one report
 ///
-/// FILE says what is trained on what (docs/how-to/compare-networks.md). Each training and validation is a process of its own, one after the other; what is done is kept in
+/// FILE names data and networks (docs/how-to/compare-networks.md). Each training and validation is a process of its own, one after the other. Finished ones are kept in
 /// DIR, and the same command goes on where it was stopped. The report (study.md, study.json in DIR) has persistence, hold first,
-/// extrapolation and a dmd fit beside the networks. One that fails is told, and the others go on; exit status 1 then.
+/// extrapolation and a dmd fit beside the networks. One that fails is reported, and the others go on; exit status 1 then.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// What to study (*.toml)

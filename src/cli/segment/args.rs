@@ -17,9 +17,8 @@ use std::path::PathBuf;
 /// m4gnMode2, ... in the folder of its start time, where m4gnSurrogate finds them; for a trajectory as points with values
 /// where --vtu says.
 ///
-/// What is not given is taken from the entry 'segments' of the case's function object (m4gnSurrogate, m4gnSegments or
-/// m4gnRecorder),
-/// then from the model that it names or that --model names.
+/// Settings that are not given come from the entry 'segments' of the case's function object (m4gnSurrogate, m4gnSegments or
+/// m4gnRecorder), then from the model that it names or that --model names.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// OpenFOAM case, trajectory (*.h5), or folder of trajectories, whose first is taken
