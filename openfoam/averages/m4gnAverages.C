@@ -248,7 +248,9 @@ bool Foam::functionObjects::m4gnAverages::check(const bool due)
         m4gn_averages_figures f{};
         const bool found = m4gn_averages_check(averages_.get(), i, &f) == 0;
         const bool asked = q.tolerance > 0;
-        q.settled = f.settled && (due || q.settled);
+        // What has kept its first value may be what the flow has not reached: minTime says when that is over
+        const bool reached = !f.unvaried || (minTime_ > 0 && time_.value() >= minTime_);
+        q.settled = f.settled && reached && (due || q.settled);
         any = any || asked;
         all = all && (!asked || q.settled);
         char line[1000] = "";

@@ -39,6 +39,8 @@ pub struct Estimate {
     pub rms_steady: bool,
     /// Share of the time after the transient whose rows came from a surrogate, 0 to 1.
     pub surrogate_share: f64,
+    /// Whether the first value is that of all rows, but for rounding: it may be of what the flow has not reached.
+    pub unvaried: bool,
     /// Rows of the series.
     pub rows: usize,
 }
@@ -117,7 +119,8 @@ pub fn estimate(series: &Series, confidence: f64) -> Option<Estimate> {
     }
     // What is less is rounding
     if power <= 1e-24 * mean * mean {
-        return Some(constant(series, range, mean));
+        let unvaried = settling::spread(series, (0.0, series.duration())) <= 0.0;
+        return Some(Estimate { unvaried, ..constant(series, range, mean) });
     }
     let (values, squares) = (series.pieces(range, n, |r| r.value), series.pieces(range, n, square(mean)));
     let mut of_mean = known(&values, confidence, CAUTION_MEAN, DRIFTS * power.sqrt())?;
@@ -157,6 +160,7 @@ pub fn estimate(series: &Series, confidence: f64) -> Option<Estimate> {
         mean_steady: !over && !of_mean.drifts && enough(&of_mean),
         rms_steady: !over && !of_square.drifts && !of_mean.drifts && enough(&of_square),
         surrogate_share: series.mean(range, |r| f64::from(r.surrogate)),
+        unvaried: false,
         rows: series.len(),
     };
     let steady = found.mean_steady && found.rms_steady;

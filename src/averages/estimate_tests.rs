@@ -19,6 +19,9 @@ fn a_constant_is_known() {
     let rounding = [found.mean - 3.0, found.half_width, found.rms, found.rms_half_width];
     assert!(rounding.iter().all(|v| v.abs() < 1e-12), "{found:?}");
     assert!(found.mean_steady && found.rms_steady && found.frequency.is_none());
+    assert!(found.unvaried && estimated(&of(100, 0.1, |_| 0.0)).unvaried);
+    let settled = estimated(&of(100, 0.1, |t| if t < 1.0 { 2.0 } else { 3.0 }));
+    assert!(!settled.unvaried && settled.mean_steady, "{settled:?}");
     assert_eq!(estimate(&of(15, 0.1, |_| 3.0), 0.95), None);
 }
 

@@ -161,7 +161,7 @@ fn approach(values: &[f64]) -> Option<f64> {
 }
 
 /// Largest less least value of the rows within the range, 0 where they differ by no more than rounding; infinite for too few rows.
-fn spread(series: &Series, range: (f64, f64)) -> f64 {
+pub(crate) fn spread(series: &Series, range: (f64, f64)) -> f64 {
     let values: Vec<f64> = series.within(range).iter().map(|r| r.value).collect();
     let size = values.iter().fold(0.0, |size: f64, v| size.max(v.abs()));
     match values.len() < 8 {

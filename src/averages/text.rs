@@ -18,7 +18,11 @@ impl Estimate {
             Some(periods) => format!("{periods} periods"),
             None => format!("{:.0} independent samples", self.independent_samples),
         };
-        let drifts = if self.mean_drifts { ", drifts" } else { "" };
+        let drifts = match (self.mean_drifts, self.unvaried) {
+            (true, _) => ", drifts",
+            (false, true) => ", has kept its first value",
+            (false, false) => "",
+        };
         let from = match self.surrogate_share {
             0.0 => String::new(),
             share => format!(", {:.0} % of the time from a surrogate", 100.0 * share),

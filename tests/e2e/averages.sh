@@ -156,7 +156,22 @@ beside= averages ''
 sed -i 's/result Cd/result Cl/' system/functions
 runs timeout 300 mpirun -np 2 icoFoam -parallel -fileHandler collated
 expect_log 'begins anew: .*0.3/uniform/averages.state: has series of other quantities'
-control startFrom startTime endTime 2.5 writeInterval 0.25 writeFormat ascii
+# What has kept its first value may be what the flow has not reached: it ends a run behind minTime alone
+clean_case
+control startFrom startTime endTime 0.1 writeInterval 0.1 writeFormat ascii
+beside='extremes { type fieldMinMax; libs (fieldFunctionObjects); fields (U); log no; }'
+still='stop yes; quantities { still { functionObject extremes; result min(mag(U)); tolerance 1; } }'
+averages "$still"
+sed -i '/^ *Cd2* /d' system/functions
+runs icoFoam
+[ "$(last_time)" = 0.1 ] || fail "a value that has not varied ended the run at $(last_time)"
+expect_log 'still 0.000000 .*has kept its first value, not known yet$'
+clean_case
+averages "$still minTime 0.05;"
+sed -i '/^ *Cd2* /d' system/functions
+runs icoFoam
+holds "$(last_time) >= 0.05 && $(last_time) < 0.08" "the end of a run with a value that does not vary and minTime:"
+control endTime 2.5 writeInterval 0.25
 unset beside
 
 # ill_formed WORDS ENTRIES

@@ -40,7 +40,7 @@ pub struct Figures {
     surrogate_share: f64,
     rows: i64,
     settled: i32,
-    drifts: i32,
+    unvaried: i32,
 }
 
 /// Runs `body` with the host's floating-point traps off; a panic becomes an error.
@@ -233,7 +233,7 @@ pub unsafe extern "C" fn m4gn_averages_check(
         surrogate_share: found.surrogate_share,
         rows: found.rows as i64,
         settled: i32::from(quantity.watch.settled() && !quantity.broken_off),
-        drifts: i32::from(found.mean_drifts),
+        unvaried: i32::from(found.unvaried),
     };
     0
 }

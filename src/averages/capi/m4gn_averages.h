@@ -34,8 +34,8 @@ typedef struct
     //- Is what is asked for known, by the last two checks? Not where the value
     //  that came last is not finite.
     int32_t settled;
-    //- Does the mean drift?
-    int32_t drifts;
+    //- Have all rows the first value? It may be of what the flow has not reached.
+    int32_t unvaried;
 } m4gn_averages_figures;
 
 //- No series yet; null if the confidence is not between 0 and 1
