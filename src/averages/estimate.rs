@@ -46,7 +46,7 @@ pub struct Estimate {
 }
 
 /// Fewest rows that are looked at.
-const MIN_ROWS: usize = 16;
+pub const MIN_ROWS: usize = 16;
 /// Most values that a series is reduced to for its transient.
 const TRANSIENT_VALUES: usize = 256;
 /// Share by which a later start must lower the standard error.

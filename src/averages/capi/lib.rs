@@ -1,6 +1,7 @@
 //! The C interface of m4gn-averages; `m4gn_averages.h` says what each function does.
 #![allow(unsafe_code)]
 
+use m4gn_averages::estimate::MIN_ROWS;
 use m4gn_averages::{Estimate, Goal, Row, Tolerance, Watch, saved};
 use m4gn_base::ffi::fpe::without_traps;
 use m4gn_base::{Error, Result};
@@ -259,9 +260,10 @@ pub unsafe extern "C" fn m4gn_averages_line(
                 e.line(name, confidence)
             }
         }
-        Some((quantity, _)) => {
-            format!("{}: too few rows, {}", quantity.name, quantity.watch.series.len())
-        }
+        Some((Quantity { name, watch, .. }, _)) => match watch.series.len() {
+            rows if rows < MIN_ROWS => format!("{name}: too few rows, {rows}"),
+            rows => format!("{name}: the squares of {rows} values are too large; look for what diverged"),
+        },
         None => String::new(),
     };
     if found.is_some_and(|(quantity, _)| quantity.broken_off) {
@@ -384,6 +386,14 @@ mod tests {
             assert_eq!(m4gn_averages_load(other, path.as_ptr(), why.as_mut_ptr(), why.len()), 1);
             assert!(text(why.as_ptr()).contains("has series of other quantities"));
             m4gn_averages_free(other);
+            let large = make();
+            for i in 1..=20 {
+                assert_eq!(m4gn_averages_push(large, 0, f64::from(i), 1e200 * f64::from(i), 1.0, 0), 0);
+            }
+            assert_eq!(m4gn_averages_check(large, 0, &mut figures), 1);
+            m4gn_averages_line(large, 0, why.as_mut_ptr(), why.len());
+            assert!(text(why.as_ptr()).starts_with("Cl: the squares of 20 values are too large"));
+            m4gn_averages_free(large);
             assert_eq!(m4gn_averages_load(b, c"/nowhere".as_ptr(), why.as_mut_ptr(), why.len()), 1);
             assert!(text(why.as_ptr()).starts_with("/nowhere: cannot be read"));
             m4gn_averages_free(a);
