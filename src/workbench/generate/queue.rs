@@ -185,13 +185,29 @@ pub fn in_parallel<T: Send>(
     });
 }
 
-/// The first number of a trajectory's provenance that is not the wanted one.
+/// The first number of a trajectory's provenance that is not the wanted one, but for rounding.
 pub(super) fn other_number(provenance: &serde_json::Value, wanted: &[(&str, f64)]) -> Option<String> {
     let same = |found: &serde_json::Value, wanted: f64| {
-        found.as_f64().is_some_and(|f| (f - wanted).abs() <= 1e-9 * wanted.abs().max(1.0))
+        found.as_f64().is_some_and(|f| (f - wanted).abs() <= 1e-9 * wanted.abs())
     };
     wanted
         .iter()
         .find(|(key, wanted)| !same(&provenance[*key], *wanted))
         .map(|(key, wanted)| format!("{key} {} instead of {wanted}", provenance[*key]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_numbers_are_compared_by_their_own_size() {
+        let provenance = serde_json::json!({"nu": 1e-10, "angle": 0.0, "speed": 1.0});
+        assert_eq!(
+            other_number(&provenance, &[("nu", 1e-10 * (1.0 + 1e-12)), ("angle", 0.0), ("speed", 1.0)]),
+            None
+        );
+        let other = other_number(&provenance, &[("speed", 1.0), ("nu", 2e-10)]).unwrap();
+        assert!(other.starts_with("nu "), "{other}");
+    }
 }
