@@ -28,24 +28,33 @@ bool atTimes(const timeControl& control)
 //- Execute and write the function object at a state of a jump. One whose
 //  control counts times by deltaT is given no more than the solver's, so that
 //  times up to half a stride ahead are not taken for done; one that tells of
-//  the solver's step is given that; one that sees each n-th step has 1/n of the
-//  time since the state before.
+//  the solver's step is given that; one that sees each n-th step is executed
+//  where the stride passes such steps, with the time of these.
 void runAt(functionObject& object, Time& time, const scalar deltaT)
 {
     const scalar stride = time.deltaTValue();
     const scalar step = min(deltaT, stride);
     const auto* controls = isA<functionObjects::timeControl>(object);
 
-    scalar seen = stride;
-    if (m4gnFunctionObjects::typeOf(object, time) == "CourantNo") {
-        seen = deltaT;
-    } else if (controls && controls->executeControl().control() == timeControl::ocTimeStep) {
-        const scalar each = max(scalar(1), controls->executeControl().interval());
-        seen = max(seen / each, step);
-    }
+    const bool counts = controls && controls->executeControl().control() == timeControl::ocTimeStep;
+    const label each = counts ? max(label(1), label(controls->executeControl().interval())) : 1;
+    const label steps = max(label(1), label(stride / deltaT + 0.5));
+    const label passed = time.timeIndex() / each - (time.timeIndex() - steps) / each;
+    const bool courant = m4gnFunctionObjects::typeOf(object, time) == "CourantNo";
+    const scalar seen = courant ? deltaT : stride * (scalar(max(label(1), passed)) / steps);
 
     time.setDeltaT(controls && atTimes(controls->executeControl()) ? step : seen, false);
-    object.execute();
+    if (each > 1 && passed > 0) {
+        // The stride need not end at one
+        dictionary here(controls->dict());
+        here.set("executeInterval", label(1));
+        auto& control = const_cast<timeControl&>(controls->executeControl());
+        control.read(here);
+        object.execute();
+        control.read(controls->dict());
+    } else {
+        object.execute();
+    }
     time.setDeltaT(controls && atTimes(controls->writeControl()) ? step : seen, false);
     object.write();
     time.setDeltaT(stride, false);
