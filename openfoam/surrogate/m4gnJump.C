@@ -136,7 +136,7 @@ Foam::m4gnJump::m4gnJump(
     : mesh_(mesh), time_(const_cast<Time&>(mesh.time())), run_(run), state_(state), completions_(completions),
       completion_(of(0)), name_(name), dict_(dict), interval_(m4gnFunctionObjects::interval(dict)),
       writes_(dict.getOrDefault<bool>("writeJumps", false)), stale_(mesh), jumping_(false), last_{false, 0},
-      writesFrom_(mesh.time().startTime().value()), usual_{0, 0}
+      writesFrom_(mesh.time().startTime().value()), usual_{0, 0, 0}
 {
     if (mesh_.moving() || mesh_.changing()) {
         FatalErrorInFunction << "mode replace does not handle a mesh that moves or changes"

@@ -31,6 +31,26 @@ TEST(timesToWriteGoOnFromBetweenTwoOfThem)
     EXPECT(steps == 4);
 }
 
+//- The interval of 0.3 s becomes one of 0.15 s while the first step lasts
+TEST(anIntervalThatIsEditedInTheFirstStepHolds)
+{
+    const dictionary control(
+        testing::dict("startFrom startTime; startTime 0.5; stopAt endTime; endTime 2; deltaT 0.01;"
+                      " writeControl runTime; writeInterval 0.3; writeFormat ascii;"));
+    Time time(control, "/tmp", "m4gnClockwork");
+    const scalar from = m4gnClockwork::carryOn(time, 0);
+    const auto usual = m4gnClockwork::toNext(time, from);
+    ++time;
+    m4gnClockwork::interval(time) = 0.15;
+    m4gnClockwork::countFrom(time, from, usual);
+    for (const scalar expected : {0.6, 0.75}) {
+        do {
+            ++time;
+        } while (!time.writeTime());
+        EXPECT_NEAR(time.value(), expected, 1e-12);
+    }
+}
+
 //- 12.004 would be 12, which was written before
 TEST(timesThatAreWrittenInBetweenHaveNamesOfTheirOwn)
 {
