@@ -73,7 +73,7 @@ void writeProperties(Time& time)
 
 } // End anonymous namespace
 
-void Foam::m4gnJump::executeOthers(const scalar deltaT) const
+void Foam::m4gnJump::executeOthers(const scalar deltaT)
 {
     functionObjectList& list = time_.functionObjects();
     const wordHashSet executed(others());
@@ -84,6 +84,9 @@ void Foam::m4gnJump::executeOthers(const scalar deltaT) const
         const bool reports = solved || !m4gnFunctionObjects::reportsSolves(list[i], time_);
         if (reports && list[i].name() != name_ && executed.found(list[i].name())) {
             runAt(list[i], time_, deltaT);
+            // OpenFOAM asks it behind a step of the solver alone
+            const bool updates = m4gnFunctionObjects::typeOf(list[i], time_) == "timeActivatedFileUpdate";
+            filesModified_ = (updates && list[i].filesModified()) || filesModified_;
         }
     }
 }

@@ -405,7 +405,7 @@ bool Foam::functionObjects::m4gnSurrogate::filesModified() const
     own.jump();
     own.executed_ = time_.timeIndex();
 
-    return false;
+    return jump_ && own.jump_->filesModified();
 }
 
 bool Foam::functionObjects::m4gnSurrogate::write() { return true; }

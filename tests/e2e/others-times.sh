@@ -68,6 +68,13 @@ mv functions system
 solve
 [ "$(grep '^Time = ' log.run | tail -n 2 | tr '\n' ' ')" = "Time = 1.099 Time = 1.1 " ] || fail "an edited deltaT is not heeded"
 cp system/controlDict.before system/controlDict
+# Files that are updated in a jump are read before the solver's first step behind it
+begin
+{ echo "$surrogate"; edit 0.59 's/^deltaT .*/deltaT 0.001;/'; } > functions
+mv functions system
+solve
+expect_log '^Time = 0.751$'
+cp system/controlDict.before system/controlDict
 begin
 { echo "$surrogate"; edit 0.59 's/^stopAt .*/stopAt nextWrite;/'; } > functions
 mv functions system
