@@ -87,7 +87,14 @@ impl Ride<'_> {
         let Some(turn) = turn else { return Ok(None) };
         let candidate = &self.candidates[turn];
         let measured = !controlled || candidate.fresh && candidate.is_ready(step.time);
-        if !measured || !self.schedule.fits(&step, step.delta_t, candidate.stride(), 1.0) {
+        let stride = candidate.stride();
+        if !measured || !self.schedule.fits(&step, step.delta_t, stride, 1.0) {
+            return Ok(None);
+        }
+        // A fit takes longer strides itself
+        if candidate.fit_control.is_none() && stride < step.delta_t * (1.0 - 1e-6) {
+            let (source, digits) = (candidate.describe().source.clone(), self.digits());
+            self.log.short_stride(&step.name, &source, [digits.of(stride), digits.of(step.delta_t)]);
             return Ok(None);
         }
         let (most, judgement) = self.watch.most(&step.name, self.schedule.surrogate_steps);

@@ -15,6 +15,8 @@ pub(crate) struct Log {
     pub warnings: Vec<String>,
     /// Whether the last jump was not allowed.
     pub refused: bool,
+    /// Whether a stride that is shorter than the solver's time step was told.
+    pub short: bool,
     pub jumps_head: String,
     /// Names of the quantities that are its columns.
     pub quantities: Vec<String>,
@@ -54,6 +56,16 @@ impl Log {
             self.text += &note;
             self.warnings.extend(warning);
             decisions.tell(step, "correctors", &decided);
+        }
+    }
+
+    /// No jump of a stride that is shorter than a step of the solver, which saves nothing: told once.
+    pub fn short_stride(&mut self, time: &str, source: &str, [stride, delta_t]: [String; 2]) {
+        if !std::mem::replace(&mut self.short, true) {
+            self.warnings.push(format!(
+                "At time {time}: the stride of {source}, {stride} s, is shorter than the solver's time step, {delta_t} s: it does not jump \
+                 while that is so; give the solver a smaller maxDeltaT, or take a model with a longer stride"
+            ));
         }
     }
 

@@ -203,3 +203,16 @@ fn what_does_not_fit_is_refused_at_the_start() {
         FIVE_TWO.replace("\"solverSteps\"", "\"surrogates\": [\"network\", \"trend\"], \"solverSteps\"");
     assert!(refused(&two, Some(Toy::new(0.5))).contains("2 surrogates: which one jumps"));
 }
+
+#[test]
+fn a_stride_that_the_solver_s_step_has_outgrown_does_not_jump() {
+    let mut r = ride(FIVE_TWO, Some(Toy::new(0.5))).unwrap();
+    let fields = toy::of([1.0, 2.0]);
+    let state = view(&fields);
+    for (time, index) in [(1.0, 10), (1.6, 11)] {
+        assert_eq!(r.solved(at(time, 0.6, 9.0, index), Some(&state)).unwrap().action, Action::Solve);
+    }
+    assert!(r.take(crate::Text::Warning).contains("0.5 s, is shorter than the solver's time step, 0.6 s"));
+    assert_eq!(r.take(crate::Text::Warning), "");
+    assert_eq!(r.solved(at(1.7, 0.1, 9.0, 12), Some(&state)).unwrap().action, Action::Stride);
+}
