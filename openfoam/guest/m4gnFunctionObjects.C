@@ -4,6 +4,7 @@
 #include "m4gnDictionary.H"
 #include "Time.H"
 #include "functionObjectList.H"
+#include "timeControlFunctionObject.H"
 
 namespace
 {
@@ -68,6 +69,14 @@ void Foam::m4gnFunctionObjects::check(const word& name, const Time& time, const 
 
     forAll(list, i) {
         const word& other = list[i].name();
+        const auto* controls = isA<functionObjects::timeControl>(list[i]);
+        if (controls && time.isAdjustTimeStep() && controls->dict().found("deltaTCoeff")) {
+            FatalErrorInFunction
+                << "The entry deltaTCoeff of " << other
+                << " derives each of the solver's steps from the one before, which a jump does not have" << nl
+                << "    Expected none beside " << name
+                << " in mode replace: leave it out, or set nStepsToStartTimeChange" << exit(FatalError);
+        }
         if (other != name) {
             known.insert(other);
             if (acting.found(typeOf(list[i], time))) {

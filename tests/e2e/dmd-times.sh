@@ -114,5 +114,9 @@ for run in plain hybrid; do
     grep '^deltaT = ' log.run > ../$run.steps
 done
 cmp ../plain.steps ../hybrid.steps || fail "the steps that setTimeStep sets are others beside the surrogate"
+# One that derives each step from the one before is refused
+echo "step { type setTimeStep; libs (utilityFunctionObjects); deltaT constant 0.01; deltaTCoeff 1.2; timeStart 5; } $tracer
+    $(surrogate "$dmd")" > system/functions
+refused 'The entry deltaTCoeff of step' pimpleFoam
 surrogate 'othersInterval 0;' > system/functions
 refused 'othersInterval 0: expected at least 1 time step' pimpleFoam
