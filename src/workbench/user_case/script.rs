@@ -12,8 +12,7 @@ pub(crate) struct Commands {
 }
 
 /// Lines of a tutorial's script that are not commands for a run.
-const OF_SCRIPTS: [&str; 9] =
-    ["#", "cd ", "cd\t", ". ", "source ", "application=", "set ", "exit", "./Allrun.pre"];
+const OF_SCRIPTS: [&str; 7] = ["#", ". ", "source ", "application=", "set ", "exit", "./Allrun.pre"];
 
 /// What may be done, or several times, and where it ends.
 const OPENS: [&str; 5] = ["if", "for", "while", "until", "case"];
@@ -30,6 +29,8 @@ pub(crate) const ORIGINAL: &str = "0.orig";
 pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Commands {
     let mut found = Commands::default();
     let mut depth = 0_usize;
+    // The way from the case's folder to where commands are done, and those outside of brackets
+    let (mut place, mut outer) = (Vec::new(), Vec::new());
     // A line that goes on is one
     for line in script.replace("\\\n", " ").lines().map(str::trim) {
         let all = words(line);
@@ -76,6 +77,20 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
             }
             continue;
         }
+        match first {
+            "(" => outer.push(place.clone()),
+            ")" => place = outer.pop().unwrap_or_default(),
+            "cd" => go(&mut place, words.get(1).map_or("~", |to| to.trim_end_matches(';'))),
+            _ => {}
+        }
+        let more = line.contains("&&") || line.trim_end_matches(';').contains(';');
+        if !place.is_empty() || first == "cd" && more {
+            found.unknown.push(line.to_string());
+            continue;
+        }
+        if first == "cd" {
+            continue;
+        }
         if first == "restore0Dir" {
             if original {
                 found.prepare.push(["cp", "-rT", ORIGINAL, "0"].map(String::from).into());
@@ -113,6 +128,23 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
         }
     }
     found
+}
+
+/// Follows a `cd`; the folder of the script is the case's.
+fn go(place: &mut Vec<String>, to: &str) {
+    if to.contains("%/*") || to.contains("dirname") {
+        place.clear();
+        return;
+    }
+    for part in to.trim_end_matches('/').split('/') {
+        match part {
+            "." => {}
+            ".." if place.last().is_some_and(|last| last != "..") => {
+                place.pop();
+            }
+            part => place.push(part.to_string()),
+        }
+    }
 }
 
 /// Whether commands copy and move files alone.
@@ -177,6 +209,17 @@ mod tests {
         assert!(!found.parallel, "it is serial by default");
         assert_eq!(found.unknown.len(), 7, "{:?}", found.unknown);
         assert!(found.unknown.contains(&"runApplication changeDictionary".to_string()));
+    }
+
+    #[test]
+    fn what_is_done_in_other_folders_is_left_out() {
+        let script = "cd \"${0%/*}\" || exit\ncd mesh\nrunApplication blockMesh\ncd ..\nrunApplication setFields\n(\n    cd a/b || exit\n\n    \
+                      runApplication topoSet\n)\ncp a b\ncd ../other && mv c d\ncp e f\nrunApplication icoFoam\n";
+        let found = of_script(script, "icoFoam", true);
+        assert_eq!(found.prepare, [vec!["setFields"], vec!["cp", "a", "b"]]);
+        let left = ["cd mesh", "runApplication blockMesh", "(", "cd a/b || exit", "runApplication topoSet"];
+        assert_eq!(found.unknown[..5], left);
+        assert_eq!(found.unknown[5..], [")", "cd ../other && mv c d", "cp e f"]);
     }
 
     #[test]
