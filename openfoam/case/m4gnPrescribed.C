@@ -5,6 +5,7 @@
 #include "pointFields.H"
 #include "StringStream.H"
 #include "Time.H"
+#include "valuePointPatchField.H"
 
 namespace
 {
@@ -116,6 +117,12 @@ template <class Type> void Foam::m4gnPrescribed::say(const label i, const scalar
     Field<Type> faceValues(sum ? sum->boundaryField()[patchi] : patch);
 
     if (later > 0) {
+        // Conditions of solids4foam say what their points will be as well
+        typedef valuePointPatchField<vector> pointValues;
+        const auto* points = mesh_.findObject<pointVectorField>("point" + field.name());
+        const auto* held = points ? isA<pointValues>(points->boundaryField()[patchi]) : nullptr;
+        const vectorField pointsNow(held ? vectorField(*held) : vectorField());
+
         Time& time = const_cast<Time&>(mesh_.time());
         const scalar now = time.value();
         time.setTime(now + later, time.timeIndex());
@@ -126,6 +133,9 @@ template <class Type> void Foam::m4gnPrescribed::say(const label i, const scalar
             faceValues += sum->oldTime().boundaryField()[patchi];
         }
         time.setTime(now, time.timeIndex());
+        if (held) {
+            const_cast<pointValues&>(*held) == pointsNow;
+        }
     }
 
     const auto* from = reinterpret_cast<const scalar*>(faceValues.cdata());
