@@ -8,7 +8,7 @@ use crate::generate::process::Surroundings;
 use crate::generate::queue::in_parallel;
 use m4gn_base::{Error, Result, listed, lock, refuse};
 use m4gn_report::{Table, number};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -92,7 +92,8 @@ pub fn run(
     let mut held = Vec::new();
     for waits in [false, true] {
         let units = if waits { std::mem::take(&mut held) } else { missing.clone() };
-        let (count, pool) = (units.len(), Mutex::new(Pool { left: units, begun: BTreeSet::new() }));
+        let (count, pool) =
+            (units.len(), Mutex::new(Pool { left: units, begun: BTreeSet::new(), known: BTreeMap::new() }));
         let work = |_| {
             let unit = next(campaign, &mut pool.lock().unwrap_or_else(PoisonError::into_inner))?;
             match made(campaign, unit, asked, waits, tools) {
@@ -125,16 +126,24 @@ pub fn run(
     Ok((failed, all.len()))
 }
 
-/// Runs that are to be made, and rows that were begun.
+/// Runs that are to be made, rows that were begun, and what finished ones say, by their rows: a record is read once.
 struct Pool {
     left: Vec<Unit>,
     begun: BTreeSet<usize>,
+    known: BTreeMap<usize, Known>,
 }
 
 /// Takes the run that is made next: the one that the finished ones foretell worst, else the first that is left.
 fn next(campaign: &Campaign, pool: &mut Pool) -> Option<Unit> {
     let left: Vec<usize> = pool.left.iter().filter(|u| !u.check).map(|u| u.row).collect();
-    let known: Vec<Known> = (0..campaign.table.rows.len()).filter_map(|row| known(campaign, row)).collect();
+    for row in 0..campaign.table.rows.len() {
+        if !pool.known.contains_key(&row)
+            && let Some(found) = known(campaign, row)
+        {
+            pool.known.insert(row, found);
+        }
+    }
+    let known: Vec<Known> = pool.known.values().cloned().collect();
     let worst = order::worst(&campaign.places, &left, &pool.begun, &known);
     let at = worst.and_then(|row| pool.left.iter().position(|u| !u.check && u.row == row)).unwrap_or(0);
     let unit = (at < pool.left.len()).then(|| pool.left.remove(at))?;
