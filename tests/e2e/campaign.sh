@@ -296,3 +296,12 @@ quantity once
 sed -i 's/^min_time = .*/min_time = 1.3/; s/^solver = .*/solver = [".\/once"]/' once/campaign.toml
 runs m4gn campaign one r01 --store once
 expect_log '^r01: speed .*its cycle cannot be taken'
+
+# A run whose solver fails from a sister's state is made from its own fields, and says so
+{ echo '#!/bin/bash'; echo '! grep -q nonuniform 0/U || exit 1'; echo 'exec icoFoam > /dev/null'; } > cavity/own
+chmod +x cavity/own
+runs m4gn campaign init cavity --out fallback --parameter Ulid=1,1.1 --parameter n=20
+quantity fallback 'start = "nearest"'
+sed -i 's/^solver = .*/solver = [".\/own"]/' fallback/campaign.toml
+runs m4gn campaign run --store fallback
+expect_log 'r02 .*from cold (from nearest r01 there is no answer: .*log.own: own failed'

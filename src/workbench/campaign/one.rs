@@ -60,7 +60,7 @@ pub fn one_claimed(campaign: &Campaign, unit: Unit, anew: bool, tools: &Surround
             fs::remove_file(&path).map_err(|e| Error::file(&path, format!("cannot be removed: {e}")))?;
         }
     }
-    let made = make(campaign, unit, &folder.join("case"), tools);
+    let made = make(campaign, unit, &folder.join("case"), tools, (Instant::now(), &mut Clock::new()?), None);
     match made {
         Ok(record) => {
             record::write(&folder.join(DONE), &record)?;
@@ -87,11 +87,17 @@ pub(super) fn stale(folder: &Path, what: &str) -> Error {
     )
 }
 
-fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> Result<Record> {
+/// `failed`: why a run from a sister's fields has no answer, in place of which it is made cold. What that took is in `clock`, as part of `prepare`.
+fn make(
+    campaign: &Campaign,
+    unit: Unit,
+    case: &Path,
+    tools: &Surroundings,
+    (begin, clock): (Instant, &mut Clock),
+    failed: Option<String>,
+) -> Result<Record> {
     let (settings, row) = (&campaign.settings, &campaign.table.rows[unit.row]);
     let source = source_of(settings, &campaign.table, row, &campaign.folder, tools)?;
-    let begin = Instant::now();
-    let mut clock = Clock::new()?;
     clear(case)?;
     let limit = |done: Result<()>| match done {
         Err(Error::File { path, message }) => {
@@ -103,7 +109,7 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
     let scale = place.map(|i| (campaign.table.parameters[i].as_str(), row.values[i].as_str()));
     let sisters = if unit.check { Vec::new() } else { campaign.sisters(unit)? };
     let asked = if unit.check { Start::Cold } else { settings.start };
-    let plan = Plan::new(asked, &sisters);
+    let plan = Plan::new(if failed.is_some() { Start::Cold } else { asked }, &sisters);
     source.copy(case, settings, &case::parameters(&campaign.table, row))?;
     // The record says what was copied
     if let Some(what) = campaign.source.digests()?.differs(&campaign.files) {
@@ -122,6 +128,7 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
 
     let mesh = if asked == Start::Cold { String::new() } else { start::mesh(case)? };
     let mut started = start::make(&plan, (case, &mesh), &sisters, scale, tools)?;
+    started.note = failed.or(started.note);
     let stored = plan.stored(&mesh, &sisters, scale);
     if let Some(stored) = stored {
         source.store(case, stored, None)?;
@@ -133,12 +140,19 @@ fn make(campaign: &Campaign, unit: Unit, case: &Path, tools: &Surroundings) -> R
         solver = mpirun.into_iter().chain(solver).chain(["-parallel".to_string()]).collect();
     }
     cost.start = clock.lap()?;
-    limit(tools.run(case, &solver))?;
-    cost.solver = clock.lap()?;
     let log = case.join(format!("log.{}", program(&solver)));
-    let (quantities, period) = figures(campaign, case, &log)?;
+    let solved = limit(tools.run(case, &solver));
+    let (quantities, period) = match solved.and_then(|()| figures(campaign, case, &log)) {
+        Err(Error::Interrupted(e)) => return Err(Error::Interrupted(e)),
+        // Its own fields may serve where a sister's do not
+        Err(e) if started.sister.is_some() => {
+            let why = format!("from {started} there is no answer: {e}");
+            return make(campaign, unit, case, tools, (begin, clock), Some(why));
+        }
+        found => found?,
+    };
+    cost.solver = clock.lap()?;
     let end_time = ended(case, source.start, &log)?.1;
-    cost.start += clock.lap()?;
     let mut behind =
         plan.behind(&mesh, &sisters, period, end_time - source.start).filter(|_| stored.is_none());
     if let Some(stored) = behind {

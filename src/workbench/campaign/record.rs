@@ -88,7 +88,7 @@ impl std::fmt::Display for Figure {
 /// Processor seconds of all programs of a run, and the wall time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
 pub struct Cost {
-    /// Of the mesh and the first fields.
+    /// Of the mesh and the first fields, and of a start from a sister that failed.
     pub prepare: f64,
     /// Of taking what it starts from, and of decomposing.
     pub start: f64,
