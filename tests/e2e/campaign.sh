@@ -273,6 +273,7 @@ runs m4gn campaign report --store cycles
     { cat cycles/results.csv; fail "r02 and r04 are not the runs that began from cycles"; }
 # The first one went on for the states of its cycle
 [ -f cycles/runs/r03/case/log.states ] || fail "r03 has not gone on for a period"
+grep -q 'format *binary' cycles/runs/r03/case/[1-9]*/U || fail "r03 has stored no states in binary"
 grep -q '"sister": ".*r03' cycles/runs/r02/done || { cat cycles/runs/r02/done; fail "r02 has nothing of r03"; }
 by_itself 1
 plain=$(awk '!/^#/ && $1 > 1 { sum += $2; ++n } END { print sum/n }' postProcessing/mean/0/volFieldValue.dat)

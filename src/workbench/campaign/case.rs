@@ -205,8 +205,8 @@ impl Source {
         write(&control, &self.control_dict(settings, plain))
     }
 
-    /// Has a run store states: each after `stored.0` s, of which `stored.1` are kept. `last`: the time at which it has ended, and from which it goes on
-    /// by itself until they are there; none: while it is made.
+    /// Has a run store states: each after `stored.0` s, of which `stored.1` are kept, in binary, as sisters read all of them. `last`: the time at which
+    /// it has ended, and from which it goes on by itself until they are there; none: while it is made.
     ///
     /// # Errors
     /// [`Error::File`] where its `controlDict` cannot be changed.
@@ -214,7 +214,7 @@ impl Source {
         let path = copy.join("system/controlDict");
         let mut text =
             files::read_text(&path).map_err(|e| Error::file(&path, format!("cannot be read: {e}")))?;
-        text += &format!("writeInterval {};\npurgeWrite {};\n", stored.0, stored.1);
+        text += &format!("writeInterval {};\npurgeWrite {};\nwriteFormat binary;\n", stored.0, stored.1);
         if let Some(last) = last {
             // One of them is the last state; half an interval more, and all are written
             let end = last + stored.0 * (stored.1 as f64 - 0.5);
@@ -415,7 +415,7 @@ mod tests {
         source.store(dir.path(), (0.25, 10), None).unwrap();
         let path = dir.path().join("system/controlDict");
         let text = || fs::read_to_string(&path).unwrap();
-        assert_eq!(text(), "system/controlDictwriteInterval 0.25;\npurgeWrite 10;\n");
+        assert_eq!(text(), "system/controlDictwriteInterval 0.25;\npurgeWrite 10;\nwriteFormat binary;\n");
         source.store(dir.path(), (0.25, 10), Some(2.0)).unwrap();
         assert!(text().contains("startFrom latestTime;\nendTime 4.375;\n"), "{}", text());
         assert!(text().ends_with("    m4gnCampaignSurrogate { enabled no; }\n}\n"), "{}", text());
