@@ -8,6 +8,8 @@ use std::f64::consts::TAU;
 
 /// Harmonics of a cycle.
 const HARMONICS: usize = 3;
+/// The mean, and a cosine and a sine of each harmonic.
+const COLUMNS: usize = 2 * HARMONICS + 1;
 /// Fewest periods that states cover.
 const COVERED: f64 = 0.95;
 /// Least over largest singular value of the harmonics at the states' times.
@@ -22,15 +24,19 @@ pub struct Cycle {
 }
 
 impl Cycle {
+    /// Whether states at these times can be one: they are enough, and cover a period.
+    pub fn covers(times: &[f64], period: f64) -> bool {
+        let long = |(first, last): (&f64, &f64)| last - first >= COVERED * period;
+        period > 0.0 && times.len() > COLUMNS && times.first().zip(times.last()).is_some_and(long)
+    }
+
     /// Of states at these times; `product`: of the i-th with the j-th one. None: they do not cover a period, or do not repeat themselves.
     pub fn new(times: &[f64], period: f64, product: &dyn Fn(usize, usize) -> f64) -> Option<Cycle> {
-        let (n, columns) = (times.len(), 2 * HARMONICS + 1);
-        let end = *times.last()?;
-        let covered = period > 0.0 && end - times[0] >= COVERED * period;
-        if n <= columns || !covered {
+        if !Self::covers(times, period) {
             return None;
         }
-        let basis = Mat::from_fn(n, columns, |i, c| {
+        let (n, end) = (times.len(), *times.last()?);
+        let basis = Mat::from_fn(n, COLUMNS, |i, c| {
             let angle = TAU * c.div_ceil(2) as f64 * (times[i] - end) / period;
             match c {
                 0 => 1.0,
@@ -40,7 +46,7 @@ impl Cycle {
         });
         let svd = basis.thin_svd().ok()?;
         let values = svd.S().column_vector();
-        if values[columns - 1] <= INDEPENDENT * values[0] {
+        if values[COLUMNS - 1] <= INDEPENDENT * values[0] {
             return None;
         }
         let rows = svd.pseudoinverse();

@@ -107,6 +107,11 @@ mod tests {
         let (period, end) = (0.4, 0.43);
         let (times, states) = states(0.2, period, end);
         let cycle = Cycle::new(&times, period, &products(&states, &states)).unwrap();
+        assert!(
+            Cycle::covers(&times, period)
+                && !Cycle::covers(&times[8..], period)
+                && !Cycle::covers(&[], period)
+        );
         assert!(off(&combined(&cycle.weights(0.0), &states), &wave(0.2, TAU * end / period)) < 1e-9);
         assert!(off(&combined(&cycle.weights(1.1), &states), &wave(0.2, TAU * end / period - 1.1)) < 1e-9);
         // Less than a period; another period; a wave that is none

@@ -182,11 +182,16 @@ fn cycles((case, own): (&Path, &str), sisters: &[Sister], scale: Scale<'_>) -> R
         let (Some(period), true) = (sister.record.period, some.len() < most) else { continue };
         if sister.record.mesh == own {
             let (times, of_it) = states(&sister.case)?;
+            if !Cycle::covers(&times, period) {
+                continue;
+            }
             some.push((sister, period, times, folders.len()));
             folders.extend(of_it);
         }
     }
-    if some.len() < 2 {
+    // Before their states are read
+    let places: Vec<Vec<f64>> = some.iter().map(|s| s.0.offset.clone()).collect();
+    if places.len() < 2 || cycle::weights(&places).is_none() {
         return Ok(None);
     }
     let mut open = FoamCase::open(case)?;
