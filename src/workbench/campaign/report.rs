@@ -58,7 +58,7 @@ pub fn report(campaign: &Campaign) -> Result<Report> {
     let (csv, html) = (campaign.folder.join("results.csv"), campaign.folder.join("report.html"));
     files::write_whole(&csv, results(campaign, &runs)?.as_bytes())?;
     let compared = compared(&runs);
-    notes.extend(compared.iter().filter(|c| !c.holds).map(|c| {
+    notes.extend(compared.iter().filter(|c| c.holds == Some(false)).map(|c| {
         format!(
             "{} of {}: the run and its check differ by {}, more than their intervals",
             c.quantity,
@@ -102,7 +102,8 @@ struct Compared {
     own: Figure,
     check: Figure,
     difference: f64,
-    holds: bool,
+    /// None: one of both has no interval.
+    holds: Option<bool>,
 }
 
 fn compared(runs: &[Run]) -> Vec<Compared> {
@@ -112,8 +113,8 @@ fn compared(runs: &[Run]) -> Vec<Compared> {
         for (quantity, &figure) in &own.record.quantities {
             let Some(&of_check) = check.record.quantities.get(quantity) else { continue };
             let difference = (figure.value - of_check.value).abs();
-            let half = |f: Figure| f.half_width.unwrap_or(f64::INFINITY);
-            let holds = difference <= half(figure).hypot(half(of_check));
+            let halves = figure.half_width.zip(of_check.half_width);
+            let holds = halves.map(|(own, check)| difference <= own.hypot(check));
             found.push(Compared {
                 run: own.name.clone(),
                 quantity: quantity.clone(),
@@ -163,11 +164,11 @@ fn page(
         page.heading("Checks");
         page.paragraph(
             "Runs that were made twice: as all others, and cold and plain and to the end. A figure holds where both differ by no more than the \
-             root of the sum of the squares of their half-widths.",
+             root of the sum of the squares of their half-widths, which is not known where one has no interval.",
         );
         let mut table = Table::new(["run", "quantity", "value", "check", "difference", "holds"]);
         for c in compared {
-            let holds = if c.holds { "yes" } else { "no" };
+            let holds = c.holds.map_or("not known", |holds| if holds { "yes" } else { "no" });
             table.row([
                 c.run.clone(),
                 c.quantity.clone(),
@@ -317,7 +318,14 @@ mod tests {
     #[test]
     fn a_run_that_is_off_its_check_by_more_than_both_intervals_is_told() {
         let of = |value: f64| compared(&[run("a", false, 2.0), run("a", true, value)]).pop().unwrap();
-        assert!(of(2.4).holds && !of(2.45).holds);
+        assert_eq!((of(2.4).holds, of(2.45).holds), (Some(true), Some(false)));
+        let mut short = run("a", true, 9.0);
+        short.record.quantities.values_mut().for_each(|f| f.half_width = None);
+        assert_eq!(
+            compared(&[run("a", false, 2.0), short])[0].holds,
+            None,
+            "a check without an interval says nothing"
+        );
         assert!((of(2.45).difference - 0.45).abs() < 1e-12);
         assert!(compared(&[run("a", true, 1.0)]).is_empty(), "the run itself is not there yet");
     }
