@@ -82,11 +82,17 @@ pub struct Source {
 
 impl Source {
     /// Reads what `controlDict` says with these parameters, in a copy of `system` in `scratch`, which is empty, beside links to the case's other
-    /// files.
+    /// files. Of the case that was read as `first` with others the times alone are read anew: each entry takes a program.
     ///
     /// # Errors
     /// [`Error::File`] for a folder that is no case, and an entry that is missing.
-    pub fn read(folder: &Path, scratch: &Path, parameters: &str, tools: &Surroundings) -> Result<Self> {
+    pub fn read(
+        folder: &Path,
+        scratch: &Path,
+        parameters: &str,
+        first: Option<&Source>,
+        tools: &Surroundings,
+    ) -> Result<Self> {
         let control = folder.join("system/controlDict");
         if !control.is_file() {
             return Err(Error::file(
@@ -119,7 +125,11 @@ impl Source {
             text.parse()
                 .map_err(|_| Error::file(&control, format!("{name}: expected a number, found {text}")))
         };
-        let (start, end, application) = (number("startTime")?, number("endTime")?, wanted("application")?);
+        let (start, end) = (number("startTime")?, number("endTime")?);
+        if let Some(first) = first {
+            return Ok(Source { start, end, ..first.clone() });
+        }
+        let application = wanted("application")?;
         let functions = function_objects(scratch, &copy, tools).map_err(in_the_case)?;
         Ok(Source { folder: folder.to_path_buf(), start, end, application, functions })
     }

@@ -73,7 +73,7 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
     )?;
     let table = sample(&request.parameters, request.method, request.count, request.seed)?;
     let scratch = scratch()?;
-    let source = Source::read(&case, scratch.path(), &parameters(&table, &table.rows[0]), tools)?;
+    let source = Source::read(&case, scratch.path(), &parameters(&table, &table.rows[0]), None, tools)?;
     let alone = check_uses(&source, &request.parameters)?;
     let mut notes = Vec::new();
     if !alone.is_empty() {

@@ -75,9 +75,16 @@ fn check_apart(folder: &Path, case: &Path) -> Result<()> {
 ///
 /// # Errors
 /// As [`Source::read`]; [`Error::File`] for a run that would end before it starts.
-fn source_of(s: &Settings, table: &Table, row: &Row, folder: &Path, tools: &Surroundings) -> Result<Source> {
+fn source_of(
+    s: &Settings,
+    table: &Table,
+    row: &Row,
+    first: Option<&Source>,
+    folder: &Path,
+    tools: &Surroundings,
+) -> Result<Source> {
     let scratch = scratch()?;
-    let source = Source::read(&s.case, scratch.path(), &case::parameters(table, row), tools)?;
+    let source = Source::read(&s.case, scratch.path(), &case::parameters(table, row), first, tools)?;
     match s.end_time.unwrap_or(source.end) {
         end if end > source.start => Ok(source),
         end => Err(Error::file(
@@ -108,7 +115,7 @@ impl Campaign {
             named.chain((settings.ranks > 1).then_some("mpirun")).filter(|p| !p.contains('/')).collect();
         environment(&programs)?;
         tools.timeout = Duration::from_secs(settings.time_limit);
-        let source = source_of(&settings, &table, &table.rows[0], &folder, tools)?;
+        let source = source_of(&settings, &table, &table.rows[0], None, &folder, tools)?;
         let (files, places) = (source.digests()?, table.places());
         Ok(Campaign { folder, settings, table, source, files, places })
     }

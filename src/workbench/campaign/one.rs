@@ -97,7 +97,7 @@ fn make(
     failed: Option<String>,
 ) -> Result<Record> {
     let (settings, row) = (&campaign.settings, &campaign.table.rows[unit.row]);
-    let source = source_of(settings, &campaign.table, row, &campaign.folder, tools)?;
+    let source = source_of(settings, &campaign.table, row, Some(&campaign.source), &campaign.folder, tools)?;
     clear(case)?;
     let limit = |done: Result<()>| match done {
         Err(Error::File { path, message }) => {
