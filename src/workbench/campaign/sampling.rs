@@ -164,10 +164,18 @@ fn latin_hypercube(dimensions: usize, count: usize, seed: u64) -> Vec<Vec<f64>> 
     points
 }
 
-/// The rows that are also made cold and plain: a share of all, evenly in the order of the table; one at least of a share above 0.
+/// The rows that are also made cold and plain: a share of all, one in each of as many equal parts of the table; one at least of a share above 0.
+///
+/// Its place in its part goes on by the golden ratio, from the middle of the first: at the same place in each, all of a grid would have one value of
+/// a parameter.
 pub fn held_out(rows: usize, share: f64) -> Vec<usize> {
     let count = if share > 0.0 { ((share * rows as f64).round() as usize).clamp(1, rows) } else { 0 };
-    (0..count).map(|i| (2 * i + 1) * rows / (2 * count)).collect()
+    let row = |i: usize| {
+        let (first, next) = (i * rows / count, (i + 1) * rows / count);
+        let place = (0.5 + i as f64 * 0.618_033_988_749_895).fract();
+        first + (place * (next - first) as f64) as usize
+    };
+    (0..count).map(row).collect()
 }
 
 #[cfg(test)]
@@ -224,7 +232,13 @@ mod tests {
 
     #[test]
     fn one_run_in_ten_is_held_out() {
-        assert_eq!(held_out(30, 0.1), [5, 15, 25]);
+        assert_eq!(held_out(30, 0.1), [5, 11, 27]);
+        // Of a grid of ten by ten nine values of the second parameter
+        let columns: std::collections::BTreeSet<usize> =
+            held_out(100, 0.1).into_iter().map(|row| row % 10).collect();
+        assert_eq!(columns.len(), 9);
+        let all: Vec<usize> = (0..17).collect();
+        assert_eq!(held_out(17, 1.0), all);
         assert_eq!((held_out(3, 0.1), held_out(3, 0.0).len(), held_out(2, 1.0)), (vec![1], 0, vec![0, 1]));
     }
 }
