@@ -10,6 +10,9 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::{Duration, Instant};
 
+/// Least and longest time between two looks whether a tool has ended.
+const LOOKS: [Duration; 2] = [Duration::from_millis(1), Duration::from_millis(20)];
+
 /// Conditions under which tools run.
 #[derive(Clone, Debug)]
 pub struct Surroundings {
@@ -86,14 +89,15 @@ impl Surroundings {
                         ask_to_end(child.id());
                     }
                     asked = true;
-                    std::thread::sleep(Duration::from_millis(20));
+                    std::thread::sleep(LOOKS[1]);
                 }
                 Ok(None) if self.stopped() => break Err(stopped()),
                 Ok(None) if start.elapsed() > self.timeout => {
                     let seconds = self.timeout.as_secs();
                     break Err(Error::file(&log, format!("{name} was ended after {seconds} s (--timeout)")));
                 }
-                Ok(None) => std::thread::sleep(Duration::from_millis(20)),
+                // Many tools take less than the longest pause
+                Ok(None) => std::thread::sleep((start.elapsed() / 8).clamp(LOOKS[0], LOOKS[1])),
                 Err(e) => break Err(Error::file(&log, format!("{name} cannot be waited for: {e}"))),
             }
         };
