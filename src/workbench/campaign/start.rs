@@ -118,10 +118,14 @@ fn nearest(
     let mapped = own != sister.record.mesh;
     let mut open = FoamCase::open(case)?;
     let first = open.start_folder();
-    let of = |folder: PathBuf| [Source { folder, weight: 1.0, ratio: own_ratio }];
+    let of = |folder: PathBuf, ratio: f64| [Source { folder, weight: 1.0, ratio }];
     taken(case, &first, || {
         if !mapped {
-            return take(&mut open, &of(sister.case.join(&sister.record.last)));
+            return take(&mut open, &of(sister.case.join(&sister.record.last), own_ratio));
+        }
+        // Cells and fields that the sister has not stay the run's own when all is scaled
+        if scale.is_some() {
+            take(&mut open, &of(first.clone(), 1.0 / own_ratio))?;
         }
         // Only cells are mapped: the values of boundaries are the run's own
         write(
@@ -135,7 +139,7 @@ fn nearest(
         )?;
         match scale {
             None => Ok(()),
-            Some(_) => take(&mut FoamCase::open(case)?, &of(first.clone())),
+            Some(_) => take(&mut open, &of(first.clone(), own_ratio)),
         }
     })?;
     Ok(Started {
