@@ -309,7 +309,7 @@ Foam::fileName Foam::functionObjects::m4gnAverages::outputDir() const
 Foam::functionObjects::m4gnAverages::m4gnAverages(
     const word& name, const Time& runTime, const dictionary& dict)
     : stateFunctionObject(name, runTime), averages_(nullptr, m4gn_averages_free), confidence_(0.95),
-      minTime_(0), stop_(false), checkInterval_(1), begun_(runTime.startTime().value()),
+      minTime_(0), stop_(false), keep_(true), checkInterval_(1), begun_(runTime.startTime().value()),
       last_(max(begun_, runTime.value())), lastCheck_(0), lastState_(-1), started_(false), goesOn_(false),
       known_(false)
 {
@@ -326,7 +326,7 @@ bool Foam::functionObjects::m4gnAverages::read(const dictionary& dict)
     // construction into a warning and goes on without the function object.
 
     stateFunctionObject::read(dict);
-    m4gn::checkKeys(dict, {"quantities", "confidence", "stop", "minTime", "checkInterval"}, true);
+    m4gn::checkKeys(dict, {"quantities", "confidence", "stop", "minTime", "checkInterval", "keep"}, true);
     if (!dict.isDict("quantities")) {
         FatalIOErrorInFunction(dict)
             << "Entry quantities of " << dict.dictName()
@@ -338,6 +338,7 @@ bool Foam::functionObjects::m4gnAverages::read(const dictionary& dict)
     minTime_ = dict.getOrDefault<scalar>("minTime", 0);
     m4gn::checkAtLeast(dict, "minTime", minTime_, 0);
     stop_ = dict.getOrDefault<bool>("stop", false);
+    keep_ = dict.getOrDefault<bool>("keep", true);
     checkInterval_ = dict.getOrDefault<label>("checkInterval", 1);
     m4gn::checkAtLeast(dict, "checkInterval", checkInterval_, 1);
 
@@ -395,7 +396,7 @@ bool Foam::functionObjects::m4gnAverages::execute()
 
 bool Foam::functionObjects::m4gnAverages::write()
 {
-    if (!time_.writeTime() || lastState_ == time_.timeIndex()) {
+    if (!keep_ || !time_.writeTime() || lastState_ == time_.timeIndex()) {
         return true;
     }
     lastState_ = time_.timeIndex();

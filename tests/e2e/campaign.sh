@@ -279,6 +279,7 @@ by_itself 1
 plain=$(awk '!/^#/ && $1 > 1 { sum += $2; ++n } END { print sum/n }' postProcessing/mean/0/volFieldValue.dat)
 cd ..
 below "$(off "$(value cycles r02)" "$plain")" 0.002 "mean speed of r02 against a run by itself"
+[ -z "$(find cycles/runs -name m4gnCampaign.state)" ] || fail "series are kept with states that no run goes on from"
 # Starts that have not paid are not taken again: r06 is cold, and told why
 for record in cycles/runs/*/done; do
     grep -q '"kind": "cold"' "$record" || sed -i 's/"solver": .*/"solver": 99,/' "$record"

@@ -234,7 +234,8 @@ impl Source {
         write(&path, &text)
     }
 
-    /// The `controlDict` of a run: the user's, from its start time, with its last state alone, and our function objects behind the user's.
+    /// The `controlDict` of a run: the user's, from its start time, with its last state alone, and our function objects behind the user's. No run is
+    /// carried on, so these keep nothing for that.
     fn control_dict(&self, s: &Settings, plain: bool) -> String {
         let end = s.end_time.unwrap_or(self.end);
         let ours = self
@@ -245,7 +246,7 @@ impl Source {
         let surrogate = match &s.surrogate {
             Some(name) if !plain => format!(
                 "    {SURROGATE}\n    {{\n        type m4gnSurrogate;\n        libs (m4gnFoam);\n        mode replace;\n        \
-                 surrogates ({name});\n        {}\n    }}\n",
+                 surrogates ({name});\n        dmd {{ keep no; }}\n        {}\n    }}\n",
                 s.surrogate_entries
             ),
             _ => String::new(),
@@ -256,7 +257,7 @@ impl Source {
         format!(
             "{}#include \"{CONTROL}\"\nstartFrom startTime;\nstopAt endTime;\nendTime {end};\nwriteControl runTime;\nwriteInterval {};\n\
              purgeWrite 0;\nrunTimeModifiable no;\nfunctions\n{{\n{off}{surrogate}    {AVERAGES}\n    {{\n        type m4gnAverages;\n        \
-             libs (m4gnAverages);\n        confidence {};\n        stop {stop};\n        minTime {};\n        quantities\n        \
+             libs (m4gnAverages);\n        confidence {};\n        keep no;\n        stop {stop};\n        minTime {};\n        quantities\n        \
              {{\n{quantities}        }}\n    }}\n}}\n",
             header("controlDict"),
             end - self.start,
@@ -409,7 +410,8 @@ mod tests {
             "#include \"controlDict.case\"\nstartFrom startTime;",
             "endTime 2;\nwriteControl runTime;\nwriteInterval 2;",
             "own { enabled no; }",
-            "surrogates (dmd);",
+            "surrogates (dmd);\n        dmd { keep no; }",
+            "confidence 0.95;\n        keep no;",
             "stop yes;\n        minTime 0.5;",
             "Cl { functionObject f; result Cl; statistic rms; relative 0.02; }",
         ] {
