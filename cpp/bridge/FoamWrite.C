@@ -162,6 +162,10 @@ rust::Vec<double> m4gn::FoamCase::products(const rust::Vec<rust::String>& names)
     std::vector<double> sums(from.size() * from.size(), 0);
     const Foam::fileName own(data_->start_name());
     for (const Foam::fileName& name : Foam::readDir(data_->time.path() / own, Foam::fileName::FILE)) {
+        // Of the others no file is opened in any folder
+        if (!field_file<Foam::vector>(mesh, Foam::word(name), own)) {
+            continue;
+        }
         Foam::PtrList<Foam::vectorField> all(from.size());
         forAll(from, i) {
             if (const auto dict = field_file<Foam::vector>(mesh, Foam::word(name), from[i])) {
