@@ -141,12 +141,18 @@ impl Campaign {
         rows.chain(self.checks().into_iter().map(|row| Unit { row, check: true })).collect()
     }
 
-    /// Rows that are made once more as a check: those that are there, though rows were added since, and others up to the share.
+    /// Rows that are made once more as a check: those that are there, though rows were added since, and others up to the share. The run that is made
+    /// first is cold itself, and says nothing of starts: another one in its place, where not all are asked for.
     fn checks(&self) -> Vec<usize> {
         let there =
             |row: &usize| self.folder_of(Unit { row: *row, check: true }).join(record::DONE).is_file();
-        let asked = sampling::held_out(self.table.rows.len(), self.settings.held_out);
-        let mut rows: Vec<usize> = (0..self.table.rows.len()).filter(there).collect();
+        let (all, first) = (self.table.rows.len(), order::middle(&self.places));
+        let mut asked = sampling::held_out(all, self.settings.held_out);
+        if let Some(at) = asked.iter().position(|&row| Some(row) == first) {
+            let behind = (1..all).map(|i| (asked[at] + i) % all).find(|row| !asked.contains(row));
+            asked[at] = behind.unwrap_or(asked[at]);
+        }
+        let mut rows: Vec<usize> = (0..all).filter(there).collect();
         let missing = asked.len().saturating_sub(rows.len());
         rows.extend(asked.into_iter().filter(|row| !there(row)).take(missing));
         rows.sort_unstable();
@@ -223,6 +229,10 @@ mod tests {
             files: MadeFrom::default(),
             places: Vec::new(),
         };
+        campaign.places = (0..3).map(|i| vec![f64::from(i) / 2.0]).collect();
+        campaign.table.rows = vec![Row { name: "a".into(), values: Vec::new() }; 3];
+        assert_eq!(campaign.checks(), [2], "the first run is the one in the middle");
+        campaign.places.clear();
         let mut checks = |rows: usize| {
             let row = |i: usize| Row { name: format!("r{i}"), values: vec![i.to_string()] };
             campaign.table.rows = (0..rows).map(row).collect();

@@ -16,20 +16,23 @@ pub struct Known {
 /// The order of runs by their places alone ([`Table::places`](super::table::Table::places)): the one in the middle, then always the one that is
 /// farthest from all before, so that whenever a campaign is stopped its runs are spread, and each has a sister near.
 pub fn spread(places: &[Vec<f64>]) -> Vec<usize> {
-    let distance = |i: usize, to: &[f64]| length(&offset(&places[i], to));
-    let centre = vec![0.5; places.first().map_or(0, Vec::len)];
     let mut nearest = vec![f64::INFINITY; places.len()];
     let mut left: Vec<usize> = (0..places.len()).collect();
-    let mut order = Vec::new();
-    while !left.is_empty() {
-        let far = |&i: &usize| if order.is_empty() { -distance(i, &centre) } else { nearest[i] };
+    let (mut order, mut next) = (Vec::new(), middle(places));
+    while let Some(row) = next {
+        left.retain(|&i| i != row);
+        left.iter().for_each(|&i| nearest[i] = nearest[i].min(length(&offset(&places[i], &places[row]))));
+        order.push(row);
         // Of equals the first
-        let next = left.iter().rev().max_by(|a, b| far(a).total_cmp(&far(b))).copied().unwrap_or(left[0]);
-        left.retain(|&i| i != next);
-        left.iter().for_each(|&i| nearest[i] = nearest[i].min(distance(i, &places[next])));
-        order.push(next);
+        next = left.iter().rev().max_by(|a, b| nearest[**a].total_cmp(&nearest[**b])).copied();
     }
     order
+}
+
+/// The run that is made first, in the middle of all; none of none.
+pub fn middle(places: &[Vec<f64>]) -> Option<usize> {
+    let far = |i: usize| places[i].iter().map(|x| (x - 0.5).powi(2)).sum::<f64>();
+    (0..places.len()).min_by(|&a, &b| far(a).total_cmp(&far(b)))
 }
 
 /// The row among those `left` that is made next: the one with the largest product of its distance from all that are made or `begun`, and of how far
@@ -92,6 +95,7 @@ mod tests {
         assert_eq!(spread(&line), [2, 0, 4, 1, 3]);
         assert_eq!(spread(&[vec![], vec![]]), [0, 1]);
         assert!(spread(&[]).is_empty());
+        assert_eq!((middle(&line), middle(&[])), (Some(2), None));
     }
 
     /// Runs until each of those that are left is within its tolerance of what the others foretell of it.
