@@ -13,7 +13,11 @@ packages=(
     gmsh g++ make cmake ninja-build pkg-config libclang-dev bzip2 ca-certificates
 )
 foam_sourced || packages+=(openfoam)
-if [ "${1:-all}" = all ]; then packages+=(python3 python3-pip python3-venv clang-format-14 python3-sphinx python3-myst-parser furo); fi
+if [ "${1:-all}" = all ]; then
+    packages+=(python3 python3-pip python3-venv python3-sphinx python3-myst-parser furo)
+    # Later releases do not have it, and other versions format otherwise
+    if grep -qsx VERSION_CODENAME=bookworm /etc/os-release; then packages+=(clang-format-14); fi
+fi
 if [ "${1:-all}" = solids4foam ]; then packages+=(libeigen3-dev); fi
 if [ "${1:-all}" = package ]; then packages+=(dpkg-dev file); fi
 
