@@ -3,6 +3,8 @@
 set -euo pipefail
 # shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+# Folders of packages are for all users
+umask 022
 folder=$(realpath -m "${1:-$M4GN_HOME/target/package}")
 [ -e "$M4GN_HOME/lib/libm4gnFoam.so" ] || die "m4gn is not built" "Type setup/build.sh core"
 "$M4GN_HOME/setup/debian.sh" package
