@@ -6,6 +6,9 @@ set -euo pipefail
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 what=${1:-all}
+# What cannot be mended here is told before minutes of downloads
+need_cargo
+if foam_sourced; then "$M4GN_HOME/setup/openfoam.sh" >/dev/null; fi
 "$M4GN_HOME/setup/debian.sh" "$what"
 foam_sourced || "$M4GN_HOME/setup/openfoam-source.sh"
 if [ "$what" = all ]; then "$M4GN_HOME/setup/libtorch.sh"; fi

@@ -59,3 +59,9 @@ runs configure "$work/old/source" "$work/old/build"
 cp -r "$work/old" "$work/copy"
 runs configure "$work/copy/source" "$work/copy/build"
 grep -q "$work/copy/source" "$work/copy/build/CMakeCache.txt" || fail "the copy is that of the old folder"
+
+# What cannot build m4gn, as Debian's own cargo, is refused before anything is installed
+mkdir -p old-cargo OpenFOAM-13/src/OpenFOAM/lnInclude && printf '#!/bin/sh\necho cargo 1.63.0\n' > old-cargo/cargo && chmod +x old-cargo/cargo
+refused 'old-cargo/cargo is version 1.63.0, and m4gn needs .* or later' env PATH="$PWD/old-cargo:$PATH" "$M4GN_HOME/setup/all.sh" core
+refused 'OpenFOAM 13 of the OpenFOAM Foundation' env -u WM_PROJECT -u WM_PROJECT_VERSION WM_PROJECT_DIR="$PWD/OpenFOAM-13" \
+    "$M4GN_HOME/setup/all.sh" core
