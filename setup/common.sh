@@ -148,10 +148,11 @@ need_cargo() {
     export CARGO_TARGET_DIR=$M4GN_HOME/target CARGO_NET_RETRY=${CARGO_NET_RETRY:-5}
 }
 
-# OpenMPI refuses root and more ranks than cores by default, and its shared-memory copies fail in containers;
+# OpenMPI refuses root and more ranks than cores by default (PRTE: from version 5 on), and its shared-memory copies fail in containers;
 # one thread per rank is what m4gn assumes.
 mpi_environment() {
     export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1 \
+        PRTE_MCA_rmaps_default_mapping_policy=${PRTE_MCA_rmaps_default_mapping_policy:-:oversubscribe} \
         OMPI_MCA_btl_vader_single_copy_mechanism=none OMPI_MCA_mpi_yield_when_idle=1 \
         OMP_NUM_THREADS=${OMP_NUM_THREADS:-1} OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}
 }

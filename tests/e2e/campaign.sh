@@ -239,9 +239,9 @@ refused 'numberOfSubdomains is 2: expected the 3 of --ranks' m4gn campaign init 
 runs m4gn campaign init cavity --out ranks --parameter Ulid=1,1.2 --parameter n=20 --ranks 2
 quantity ranks 'scale = "Ulid"'
 # shellcheck disable=SC2016  # of the inner shell
-unbound='prepare = [["sh", "-c", "[ $OMPI_MCA_hwloc_base_binding_policy = none ]"], '
+unbound='prepare = [["sh", "-c", "[ $OMPI_MCA_hwloc_base_binding_policy$PRTE_MCA_rmaps_default_mapping_policy = none:oversubscribe ]"], '
 sed -i "s/^prepare = \\[/$unbound/" ranks/campaign.toml
-runs m4gn campaign one r01 --store ranks
+runs env -u PRTE_MCA_rmaps_default_mapping_policy m4gn campaign one r01 --store ranks
 runs env FOAM_FILEHANDLER=collated m4gn campaign run --store ranks
 runs m4gn campaign report --store ranks
 below "$(off "$(value ranks r01)" "$(value other r01)")" 0.006 "mean speed on two ranks against one"

@@ -46,9 +46,13 @@ pub fn surroundings(stop: &'static AtomicU8, timeout: Duration) -> Result<Surrou
     let mut environment = environment(&["foamDictionary"])?;
     environment.push(("OMPI_MCA_rmaps_base_oversubscribe".into(), "1".into()));
     // Of its versions to 4, and from 5 on
-    let binding = ["OMPI_MCA_hwloc_base_binding_policy", "PRTE_MCA_hwloc_default_binding_policy"];
-    let unset = binding.into_iter().filter(|name| std::env::var_os(name).is_none());
-    environment.extend(unset.map(|name| (name.to_string(), "none".into())));
+    let policies = [
+        ("OMPI_MCA_hwloc_base_binding_policy", "none"),
+        ("PRTE_MCA_hwloc_default_binding_policy", "none"),
+        ("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe"),
+    ];
+    let unset = policies.into_iter().filter(|(name, _)| std::env::var_os(name).is_none());
+    environment.extend(unset.map(|(name, policy)| (name.to_string(), policy.into())));
     Ok(Surroundings { stop, timeout, asks: false, environment })
 }
 
