@@ -36,6 +36,9 @@ probe_sourced() {
         return 1
     elif ! foam_sourced; then
         tried+=("a sourced OpenFOAM: $WM_PROJECT_DIR/src/OpenFOAM/lnInclude does not exist (no headers)")
+        # Debian's may be sourced, and has none
+        [ "$(realpath -m "$WM_PROJECT_DIR")" = /usr/share/openfoam ] ||
+            fail "the one that is sourced has no headers: compile it, install its -dev package, or unset WM_PROJECT_DIR for Debian's"
         return 1
     fi
     M4GN_FOAM_KIND=sourced

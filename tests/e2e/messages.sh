@@ -49,6 +49,10 @@ for other in OpenFOAM-13 OpenFOAM-dev foam-4.1; do
         WM_PROJECT_DIR="$PWD/$other" cmake -S "$M4GN_HOME/openfoam" -B "$work/refused"
 done
 
+# One without headers is not replaced by Debian's
+mkdir -p runtime/META-INFO && echo api=2412 > runtime/META-INFO/api-info
+refused 'the one that is sourced has no headers: .*-dev package' env WM_PROJECT_DIR="$PWD/runtime" "$M4GN_HOME/setup/openfoam.sh"
+
 # A checkout that was moved, or copied, is configured anew
 mkdir -p "$work/old/source" && echo 'cmake_minimum_required(VERSION 3.18)
 project(moved NONE)' > "$work/old/source/CMakeLists.txt"
