@@ -4,9 +4,9 @@
 
 if [ -n "${ZSH_VERSION:-}" ]; then
     # shellcheck disable=SC2296  # zsh's name of the file being sourced
-    eval 'M4GN_HOME=$(cd "$(dirname "${(%):-%x}")" && pwd -P)'
+    eval 'M4GN_HOME=$(dirname "$(realpath "${(%):-%x}")")'
 else
-    M4GN_HOME=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd -P)
+    M4GN_HOME=$(dirname "$(realpath "${BASH_SOURCE[0]}")")
 fi
 export M4GN_HOME
 

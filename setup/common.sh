@@ -1,6 +1,8 @@
 # shellcheck shell=bash disable=SC2034
 # Paths, pinned versions and small functions shared by the set-up, Allrun and Alltest. Sourced, never run.
 
+# With it, cd may go elsewhere and prints where
+unset CDPATH
 M4GN_HOME=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
 # awk, EPOCHREALTIME and apt-cache write by the locale: decimal commas, translated words
 export LC_ALL=C.UTF-8

@@ -39,6 +39,13 @@ sed -i '/^    outlet/,/}/{s/type .*/type zeroGradient;/; /value/d}' 0/p
 refused '--node-type outlet=outlet' m4gn segment .
 runs m4gn segment . --node-type outlet=outlet
 
+# env.sh finds its folder also where cd prints what it finds, and through a link
+ln -s "$M4GN_HOME/env.sh" env-link.sh
+(cd "$M4GN_HOME/.." && for file in "$(basename "$M4GN_HOME")/env.sh" "$work/env-link.sh"; do
+    # shellcheck disable=SC2016  # of the inner shell
+    [ "$(CDPATH=. bash -c '. "$1"; echo "$M4GN_HOME"' . "$file")" = "$M4GN_HOME" ] || fail "$file does not find its folder"
+done)
+
 # Another OpenFOAM than openfoam.com's is refused by name where the build is configured
 for other in OpenFOAM-13 OpenFOAM-dev foam-4.1; do
     mkdir -p "$other/etc"
