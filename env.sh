@@ -22,3 +22,9 @@ esac
 if [ -z "${WM_PROJECT_DIR:-}" ] && [ -d /usr/share/openfoam/etc ]; then
     export WM_PROJECT_DIR=/usr/share/openfoam
 fi
+# A library loads into the OpenFOAM that it was built for
+if [ -n "${WM_PROJECT_DIR:-}" ] && [ -e "$M4GN_HOME/target/openfoam/.probe" ] &&
+    ! grep -qxF "export M4GN_FOAM_PROJECT_DIR=$(printf %q "$WM_PROJECT_DIR")" "$M4GN_HOME/target/openfoam/.probe"; then
+    echo "warning: m4gn's function objects are built for another OpenFOAM than $WM_PROJECT_DIR, and will not load into its solvers:" \
+        "type '$M4GN_HOME/setup/build.sh core' in this shell" >&2
+fi

@@ -23,6 +23,12 @@ runs postProcess -func m4gnSegments -time 0
 if [ ! -f 0/m4gnSegment ] || [ ! -f 0/m4gnMode1 ]; then find . -name 'm4gn*'; fail "-time 0 did not write to 0"; fi
 [ -z "$(ls 0.02/m4gn* 2> /dev/null)" ] || fail "-time 0 wrote to the last time"
 
+# A shell in which another OpenFOAM is sourced than the one that the function objects are built for
+WM_PROJECT_DIR=$work/another bash -c '. "$1/env.sh"' . "$M4GN_HOME" 2> log.run
+expect_log "built for another OpenFOAM than $work/another"
+bash -c '. "$1/env.sh"' . "$M4GN_HOME" 2> log.run
+expect_silence OpenFOAM
+
 # A serial run that has computed modes ends without a warning
 expect_silence 'Finalizing MPI'
 control startFrom startTime
