@@ -5,7 +5,10 @@
 # each checkout has its own target/, and only what comes from the registry is copied into it when it is empty. Cargo
 # checks every piece as usual and rebuilds what does not fit; a cache that is stale or gone costs only time.
 
-cargo_cache_dir() { printf '%s/cargo/%s' "$M4GN_CACHE" "$(rustc -vV | cksum | cut -d' ' -f1)"; }
+# Of each compiler and release of Debian: bindings are made of its MPI and HDF5.
+cargo_cache_dir() {
+    printf '%s/cargo/%s' "$M4GN_CACHE" "$({ rustc -vV && grep -sE '^(ID|VERSION_ID)=' /etc/os-release; } | cksum | cut -d' ' -f1)"
+}
 
 # What a build has compiled grows from kind to kind.
 cargo_cache_kinds=(core all tests)
@@ -33,7 +36,7 @@ cargo_cache_has() {
 
 # cargo_cache_restore: fills an empty target/release from the fullest kind that is kept of such a checkout, else of any, the newest of it.
 cargo_cache_restore() {
-    local release=$CARGO_TARGET_DIR/release kind kept= own= path
+    local release=$CARGO_TARGET_DIR/release part=$CARGO_TARGET_DIR/restored kind kept= own= path
     path=$(cargo_cache_dir)/$(cargo_cache_name)
     for kind in "${cargo_cache_kinds[@]}"; do
         kept=$({ cargo_cache_kept "$kind"; echo "$kept"; } | sed -n 1p)
@@ -41,8 +44,12 @@ cargo_cache_restore() {
     done
     kept=${own:-$kept}
     if [ -e "$release/.fingerprint" ] || [ -z "$kept" ]; then return 0; fi
-    mkdir -p "$release"
-    cp -a --reflink=auto "$kept/." "$release/" || rm -rf "${release:?}"/{deps,build,.fingerprint}
+    # Fingerprints come last: a copy that is interrupted would leave libraries that Cargo takes for whole
+    rm -rf "$part" "${release:?}"/{deps,build} &&
+        mkdir -p "$release" &&
+        cp -a --reflink=auto "$kept" "$part" &&
+        mv -t "$release" "$part"/{deps,build,.fingerprint}
+    rm -rf "$part"
 }
 
 # cargo_cache_save KIND: keeps the dependencies of this build, in place of all that is kept of this kind or a lesser.
@@ -61,4 +68,7 @@ cargo_cache_save() {
         cargo_cache_kept "$kind" | grep -vxF "$path" | xargs -r -d '\n' rm -rf --
         if [ "$kind" = "$1" ]; then break; fi
     done
+    # Those of compilers that are gone, and what was left by an interruption
+    find "$M4GN_CACHE/cargo" -mindepth 1 -maxdepth 1 -mtime +90 -exec rm -rf {} +
+    find "$M4GN_CACHE/cargo" -mindepth 2 -maxdepth 2 -name '*.tmp*' -mmin +60 -exec rm -rf {} +
 }
