@@ -9,6 +9,7 @@ export LC_ALL=C.UTF-8
 : "${HOME:=$(getent passwd "$(id -u)" | cut -d: -f6)}"
 # Downloads live outside the checkout, so that a fresh clone does not fetch them again.
 M4GN_CACHE=${M4GN_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/m4gn}
+case $M4GN_CACHE in /*) ;; *) M4GN_CACHE=$PWD/$M4GN_CACHE ;; esac
 M4GN_LOGS=$M4GN_HOME/target/log
 export HOME M4GN_HOME M4GN_CACHE
 
@@ -56,6 +57,12 @@ die() {
     if [ $# -gt 0 ]; then printf '       %s\n' "$@" >&2; fi
     exit 1
 }
+
+# Lists of folders for compilers, linkers and loaders are separated by colons
+for path in "$M4GN_HOME" "$M4GN_CACHE"; do
+    case $path in *:*) die "m4gn cannot be in $path, for the colon in it" "Move the checkout, or set M4GN_CACHE to another folder." ;; esac
+done
+unset path
 
 # configure SOURCE BUILD [OPTION...]: CMake, anew where BUILD was made elsewhere: of a checkout that was moved or copied it refuses its cache.
 configure() {

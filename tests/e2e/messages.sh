@@ -36,6 +36,9 @@ function_object m4gnSegments 'segments { count 16; modes 4; } recompute yes;'
 solve
 expect_silence 'Finalizing MPI'
 
+# A folder that cannot be in a list of folders
+refused 'm4gn cannot be in .*/a:b, for the colon in it' env M4GN_CACHE=a:b "$M4GN_HOME/setup/all.sh" core
+
 # What 'm4gn segment' says about a patch that it does not know
 clean_case
 rm -f 0/m4gn*
