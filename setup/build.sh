@@ -68,4 +68,4 @@ step "function objects for OpenFOAM $M4GN_FOAM_VERSION" build_function_objects |
         "To see what was probed, type setup/openfoam.sh. To build against Debian's OpenFOAM, run this again in a" \
         "shell in which no other one is sourced."
 # The library for the solids4foam that is found is built with the others' headers
-if (solids4foam_environment); then "$M4GN_HOME/setup/solids4foam.sh" | grep -v '^export'; fi
+if (solids4foam_environment); then "$M4GN_HOME/setup/solids4foam.sh" | sed '/^export/d'; fi

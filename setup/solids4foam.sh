@@ -33,6 +33,17 @@ fi
 foam=$("$M4GN_HOME/setup/openfoam.sh" --export)
 eval "$foam"
 
+# Its libraries and the function objects have to be of one OpenFOAM
+openfoam="$M4GN_FOAM_VERSION in $M4GN_FOAM_PROJECT_DIR"
+if [ $# -eq 0 ]; then
+    built=$(cat "$SOLIDS4FOAM_INST_DIR/.openfoam" 2>/dev/null || echo "$openfoam")
+    [ "$built" = "$openfoam" ] || {
+        warn "solids4foam in $SOLIDS4FOAM_INST_DIR is built for OpenFOAM $built, and not for $openfoam: nothing is built for it." \
+            "To have it here, type setup/solids4foam.sh SOURCE"
+        exit 0
+    }
+fi
+
 # What is not built, as a pattern of the paths in Make/files.openfoam
 left_out='^(fluidModels|fluidSolidInterfaces)/|/(coupledUns|kirchhoffPlate|poroLinGeom|thermal|weakThermal)[A-Za-z]*Solid/|thermalConvection'
 left_out+='|poroMechanicalLaw|thermoMechanicalLaw|fixedTemperature|hotCylinder|solidPointTemperature|fsiConvergenceData|anisotropicBiot'
@@ -101,10 +112,10 @@ prepare() {
 
 build() {
     # The probe for OpenFOAM comes along, so that nothing there depends on this checkout.
-    rm -rf "$into"/{cmake,setup} && cp -r "$M4GN_HOME"/{cmake,setup} "$into" || return
+    rm -rf "$into"/{cmake,setup,.openfoam} && cp -r "$M4GN_HOME"/{cmake,setup} "$into" || return
     configure "$into/cmake/solids4foam" "$into/build" -DCMAKE_BUILD_TYPE=Release \
         -DSOLIDS4FOAM_SOURCE="$into/source" -DCMAKE_INSTALL_PREFIX="$into" &&
-        cmake --build "$into/build" && cmake --install "$into/build"
+        cmake --build "$into/build" && cmake --install "$into/build" && echo "$openfoam" >"$into/.openfoam"
 }
 
 # libm4gnSolids4Foam.so, which asks the solver's material law
@@ -122,5 +133,6 @@ if [ -f "$M4GN_HOME/lib/libm4gnFoam.so" ]; then
 else
     warn "lib/libm4gnFoam.so is not there yet: after ./Allrun --setup-only type setup/solids4foam.sh for lib/libm4gnSolids4Foam.so"
 fi
-echo "export SOLIDS4FOAM_INST_DIR=$SOLIDS4FOAM_INST_DIR SOLIDS4FOAM_DIR=$SOLIDS4FOAM_DIR SOLIDS4FOAM_LIB_DIR=$SOLIDS4FOAM_LIB_DIR"
+printf 'export SOLIDS4FOAM_INST_DIR=%q SOLIDS4FOAM_DIR=%q SOLIDS4FOAM_LIB_DIR=%q\n' \
+    "$SOLIDS4FOAM_INST_DIR" "$SOLIDS4FOAM_DIR" "$SOLIDS4FOAM_LIB_DIR"
 echo "export PATH=\$SOLIDS4FOAM_INST_DIR/bin:\$PATH LD_LIBRARY_PATH=\$SOLIDS4FOAM_INST_DIR/lib:\$LD_LIBRARY_PATH"
