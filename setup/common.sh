@@ -143,6 +143,16 @@ solids4foam_environment() {
         PATH=$folder:$folder/bin:$PATH LD_LIBRARY_PATH=$folder:$folder/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
 }
 
+# The cores that this process may use. (nproc alone answers with OMP_NUM_THREADS, which is 1 in tests.)
+cores() { env -u OMP_NUM_THREADS nproc; }
+
+# How many compilers run at once: one a core, and no more than the memory has room for, 1.5 GB each
+compilers() {
+    local room
+    room=$(awk '/^MemAvailable:/ { print int($2/1.5e6) }' /proc/meminfo)
+    printf '%s\n' "$(cores)" "$((room > 0 ? room : 1))" | sort -n | head -n 1
+}
+
 need_cargo() {
     local bin=${CARGO_HOME:-$HOME/.cargo}/bin
     if ! command -v cargo >/dev/null && [ -x "$bin/cargo" ]; then PATH=$bin:$PATH; fi
