@@ -27,6 +27,8 @@ series=(
     libhdf5-openmpi-dev:1.10/1.14 libmetis-dev:5.1/5.2 gmsh:4.8/4.13
 )
 
+sudo=(sudo)
+
 missing() {
     dpkg-query -W -f '${db:Status-Status} ${Package}\n' "${packages[@]}" 2>/dev/null |
         awk -v all="${packages[*]}" '
@@ -38,7 +40,7 @@ as_root() {
     if [ "$(id -u)" -eq 0 ]; then
         "$@"
     elif command -v sudo >/dev/null; then
-        sudo "$@"
+        "${sudo[@]}" "$@"
     else
         echo "not root, and sudo is not installed" >&2
         return 1
@@ -46,7 +48,9 @@ as_root() {
 }
 
 apt() {
-    as_root env DEBIAN_FRONTEND=noninteractive apt-get -y -q -o Acquire::Retries=3 -o DPkg::Lock::Timeout=300 "$@"
+    # sudo keeps no settings of a proxy
+    as_root env DEBIAN_FRONTEND=noninteractive ${http_proxy:+"http_proxy=$http_proxy"} ${https_proxy:+"https_proxy=$https_proxy"} \
+        apt-get -y -q -o Acquire::Retries=3 -o DPkg::Lock::Timeout=300 "$@"
 }
 
 install_packages() {
@@ -61,6 +65,7 @@ check_series() {
     local entry package expected one version
     for entry in "${series[@]}"; do
         package=${entry%%:*} expected=${entry#*:}
+        if [ "$package" = openfoam ] && foam_sourced; then continue; fi
         version=$(dpkg-query -W -f '${Version}' "$package" 2>/dev/null) || continue
         # Its OSHA1stream takes no single characters from GCC 14's library on
         if [[ $package = openfoam && $version = 1912.200626-3+b1 ]]; then
@@ -82,7 +87,7 @@ mapfile -t wanted < <(missing)
 if [ ${#wanted[@]} -gt 0 ]; then
     # sudo may have to ask for a password, which it cannot do from inside a logged step.
     if [ "$(id -u)" -ne 0 ] && command -v sudo >/dev/null; then
-        if [ -n "${CI:-}" ] || [ ! -t 0 ]; then sudo -n true || true; else sudo -v || true; fi
+        if [ -n "${CI:-}" ] || [ ! -t 0 ]; then sudo+=(-n); else sudo -v || true; fi
     fi
     step "Debian packages (${#wanted[@]})" install_packages "${wanted[@]}" ||
         die "apt-get could not install: ${wanted[*]}" \
