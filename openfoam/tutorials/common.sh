@@ -7,7 +7,7 @@
 mpi_environment
 
 # shellcheck disable=SC2154  # here
-results=${M4GN_RUN:-$M4GN_HOME/run}/$(basename "$here")
+results=$(realpath -m -- "${M4GN_RUN:-$M4GN_HOME/run}")/$(basename "$here")
 repeats=3
 
 # own_option NAME VALUE: takes an option that this tutorial has beside --repeats, --end and --model; status 1: it has none of this name
@@ -20,7 +20,7 @@ read_options() {
             -h | --help) usage; exit 0 ;;
             --repeats) repeats=${2:-} ;;
             --end) endTime=${2:-} ;;
-            --model) model=$(realpath -m -- "${2:-}") ;;
+            --model) model=${2:+$(realpath -m -- "$2")} ;;
             *) own_option "$1" "${2:-}" || { usage >&2; echo "unknown argument '$1'" >&2; exit 2; } ;;
         esac
         shift 2 || { usage >&2; echo "an option has no value" >&2; exit 2; }
@@ -42,10 +42,13 @@ needs() {
 # anew FILE...: the folder of the results, without these of an earlier run
 anew() {
     rm -rf "$@"
-    mkdir -p "$results"
+    mkdir -p "$results" || die "the results cannot be put into $results" "Type: m4gn tutorial $(basename "$here") --out FOLDER"
     aside=$(mktemp -d "$results/old.XXXXXX")
     trap 'rm -rf "$aside"' EXIT
 }
+
+# literal TEXT: as sed's replacement in s|||
+literal() { sed 's/[&|\\]/\\&/g' <<< "$1"; }
 
 # logged LOG COMMAND...: runs in the current folder; shows the log's end when it fails.
 logged() {
