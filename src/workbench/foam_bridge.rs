@@ -19,8 +19,8 @@ pub const LIBRARY: Description = Description {
     file: "libm4gn_foam_bridge.so",
     prefix: "m4gn_foam",
     version: 8,
-    remedy: "It is built by setup/build.sh and needs the libraries of the OpenFOAM that it was built against (Debian: \
-             package libopenfoam)",
+    remedy: "It is built by setup/build.sh, or in the package m4gn-openfoam of your OpenFOAM's version, and needs the \
+             libraries of the OpenFOAM that it was built against (Debian: package libopenfoam)",
     global: true,
 };
 

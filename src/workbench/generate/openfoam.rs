@@ -23,7 +23,10 @@ pub fn environment(programs: &[&str]) -> Result<Vec<(String, OsString)>> {
              OpenFOAM's etc/bashrc; docs/how-to/build-solids4foam.md says where solids4Foam comes from"
         )
     })?;
-    find("libm4gnFoam.so", "./Allrun builds it")?;
+    find(
+        "libm4gnFoam.so",
+        "./Allrun builds it, and the package m4gn-openfoam of your OpenFOAM's version has it",
+    )?;
     let mut places: Vec<PathBuf> = places();
     places.extend(std::env::var_os("LD_LIBRARY_PATH").iter().flat_map(std::env::split_paths));
     let libraries = std::env::join_paths(places).map_err(|e| {
