@@ -125,7 +125,7 @@ with_lock() {
     local name=$1
     shift
     mkdir -p "$M4GN_CACHE"
-    (flock 9 && "$@") 9>"$M4GN_CACHE/.$name.lock"
+    (flock -n 9 || { echo "  waiting for another set-up, which fills $M4GN_CACHE" && flock 9; } && "$@") 9>"$M4GN_CACHE/.$name.lock"
 }
 
 # True where the user has sourced an OpenFOAM of their own, with headers to compile against.
