@@ -60,7 +60,7 @@ const HAS_FREQUENCY: f64 = 0.3;
 /// Root mean square of the change from period to period, over that of the fluctuations, below which a signal repeats itself.
 const REPEATS: f64 = 0.05;
 /// Fewest independent samples of a mean that is known, unless the signal repeats itself or settles.
-pub(crate) const MIN_SAMPLES: f64 = 60.0;
+const MIN_SAMPLES: f64 = 60.0;
 /// Fewest degrees of freedom of the same.
 const MIN_FREEDOM: f64 = 15.0;
 /// A run stops when an interval is narrow, and intervals are narrow too often where their variance was found too small. They are
