@@ -432,24 +432,23 @@ typedef struct m4gn_host
  *   name             default      meaning
  *   mode             required     replace: surrogates take over stretches of time steps; observe: they run beside the solver,
  *                                 and their errors are reported
- *   surrogates       ["network"]  What takes the solver's place: network, a trained model; dmd, which is fitted to the run's
- *                                 own states and needs no model; or both: the network jumps until a fit holds, then the fit;
- *                                 ["network"]: network
- *   dmd              null         How the dmd surrogate is fitted (object); null: its defaults
+ *   surrogates       ["network"]  network, a trained model; dmd, which is fitted to the run's own states and needs no model; or
+ *                                 both: the network jumps until a fit holds, then the fit; ["network"]: network
+ *   dmd              null         Settings of the dmd surrogate (object); null: its defaults
  *   solver_steps     null         replace: time steps of the solver before each jump; null: required in mode replace; with dmd
  *                                 1
  *   surrogate_steps  null         replace: strides of a jump, with control at most; null: required in mode replace; with dmd
  *                                 max_jump
  *   rollout_steps    50           observe: strides after which a rollout begins anew
- *   write_errors     false        observe: where rollouts are off, at each cell and in each segment
- *   time_start       null         The solver is alone before [s]; null: start of the run
- *   time_end         null         The solver is alone after [s]; null: end of the run
- *   control          null         How far a jump may go (object); observe: what it would have done; null: surrogate_steps,
+ *   write_errors     false        observe: writes the errors of rollouts at each cell and in each segment
+ *   time_start       null         Time before which the solver runs alone [s]; null: start of the run
+ *   time_end         null         Time after which the solver runs alone [s]; null: end of the run
+ *   control          null         Error control of jumps (object); observe: what it would have allowed; null: surrogate_steps,
  *                                 always; with dmd in mode replace tolerance 0.05
- *   quantities       []           replace: list of results of other parts of the run that are held at the ends of jumps
- *                                 (objects); []: none
+ *   quantities       []           replace: results of other function objects whose errors at the ends of jumps are limited
+ *                                 (list of dictionaries); []: none
  *   write_precision  6            Significant digits of tables and messages
- *   decisions        null         Where what is decided is written, as lines of JSON; null: nowhere
+ *   decisions        null         File of the decisions, lines of JSON; null: nowhere
  *   states           null         Where the dmd surrogate keeps its states, a file a rank; null: nowhere
  *   name             ""           Name of the ride in messages
  *   model            ""           Where the model is from, in messages and tables
@@ -464,10 +463,11 @@ typedef struct m4gn_host
  *   tolerance   required  Largest error of a jump: root mean square, over the largest variation of the field so far in the run;
  *                         of a vector its root mean square, of a scalar that about its mean
  *   rel_tol     0.2       Largest error of a stride beside the solver, over what the solver changed in it
- *   fields      null      Predicted fields that both hold for; null: the first one that varies; of several surrogates the first
- *                         of those that all predict
- *   on_failure  "solver"  Where the surrogate stays bad: solver, which goes on alone and is tried beside, or stop
- *   patience    10        Measured strides in a row that allow no jump, after which a surrogate stays bad
+ *   fields      null      Predicted fields whose errors are limited; null: the first one that varies; of several surrogates the
+ *                         first of those that all predict
+ *   on_failure  "solver"  What follows patience: solver goes on alone, with the surrogate measured beside it; stop ends the run
+ *                         with an error
+ *   patience    10        Measured strides in a row that allow no jump, after which on_failure applies
  * [end]
  *
  * those of an object of quantities
@@ -476,43 +476,42 @@ typedef struct m4gn_host
  *   name       default   meaning
  *   object     required  Name of the function object whose result it is
  *   result     required  Name of the result
- *   tolerance  required  Largest error at the end of a jump, over what the result varies by
+ *   tolerance  required  Largest error at the end of a jump, over the result's variation
  * [end]
  *
  * and those of dmd (docs/explanation/dmd.md)
  *
  * [table dmd]
  *   name               default     meaning
- *   snapshot_interval  null        Time between the states that are kept, the stride: a tenth to a twentieth of the period of
- *                                  what the flow does [s]; null: found in the run: 25 of the longest time steps of late, then a
- *                                  fourteenth of the period that fits show
- *   window             null        States in a fit at most, up to 1000; null: 40, and 160 where boundary values are prescribed
+ *   snapshot_interval  null        Time between snapshots, the stride: a tenth to a twentieth of the flow's period [s]; null:
+ *                                  found in the run: 25 of the longest time steps of late, then a fourteenth of the period that
+ *                                  fits show
+ *   window             null        Most snapshots in a fit, up to 1000; null: 40, and 160 where boundary values are prescribed
  *                                  in time
- *   min_snapshots      null        States without a gap that a fit needs; null: window, where it is given, else 40
- *   hold_out           5           States at the end of the window that are held back to choose by
- *   delays             [5, 8, 12]  Numbers of states in a delayed state to choose from
- *   svd_rank           [12, 30]    Numbers of directions that are kept of the delayed states, to choose from
- *   unstable_modes     null        Whether modes that grow go on growing, in place of keeping their size; null: the held-back
- *                                  states say
- *   refit_interval     5           Strides of the solver between tries of a fit
- *   fit_tolerance      0.005       Error of the held-back states, over that of holding the last state before them, below which
- *                                  a fit is used at once; one between this and jump_tolerance is used when the three tries
+ *   min_snapshots      null        Fewest snapshots without a gap that a fit needs; null: window, where it is given, else 40
+ *   hold_out           5           Snapshots at the end of the window that are held out, to choose delays and svd_rank by
+ *   delays             [5, 8, 12]  Candidates for the number of snapshots in a delayed one (higher-order DMD)
+ *   svd_rank           [12, 30]    Candidates for the rank of the truncated singular value decomposition
+ *   unstable_modes     null        Whether modes keep a growth rate above 0; else they keep their size; null: chosen by the
+ *                                  held-out snapshots
+ *   refit_interval     5           Strides of the solver between two fits
+ *   fit_tolerance      0.005       Error of the held-out snapshots, over that of holding the last one before them, below which
+ *                                  a fit is used at once; one between this and jump_tolerance is used when the three fits
  *                                  before were as good, to three tenths. A stride beside the solver with an error below this,
  *                                  or below twice the fit's, makes the next jump longer; one above makes it shorter
- *   jump_tolerance     0.02        Largest error of the held-back states, and of a stride beside the solver after a jump, over
- *                                  that of holding the last state
+ *   jump_tolerance     0.02        Largest error of the held-out snapshots, and of a stride beside the solver after a jump,
+ *                                  over that of holding the last state
  *   rest               {}          Fields, each with the change in its unit, root mean square, that counts as none (rest { U
  *                                  1e-4; }). Errors are over what the flow changes, but at least over this; {}: a
  *                                  ten-thousandth of the most that a field has changed by since the first state
- *   cut_transient      false       Whether a start-up is cut short: a wave that grows or falls is brought to the size that it
- *                                  will have. What comes out is no copy of the plain run before it has settled
- *   write_modes        0           Waves of the fit in use that are fields at times to write, the largest first, with what does
- *                                  not oscillate
+ *   cut_transient      false       Whether a start-up is cut short: a wave that grows or decays is brought to its final
+ *                                  amplitude. Until it has settled, the run differs from the plain one
+ *   write_modes        0           Number of modes of the fit that are written as fields, the largest first, with their mean
  *   initial_jump       10          Strides of the first jump of a fit
- *   jump_growth        1.5         How much longer the next jump may be
- *   max_jump           200         Strides of a jump at most, up to a million
- *   storage            "double"    How states are kept: double or single; sums are double with both
- *   keep               true        Whether states are kept on disk for a run that is carried on
+ *   jump_growth        1.5         Largest ratio of a jump to the one before
+ *   max_jump           200         Most strides of a jump, up to a million
+ *   storage            "double"    Precision of stored snapshots: double or single; sums are in double
+ *   keep               true        Whether snapshots are stored on disk for restarts
  * [end]
  */
 int32_t m4gn_ride_new(

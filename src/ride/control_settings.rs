@@ -31,11 +31,11 @@ settings! {
         // make a flow of their own, a wake that sheds where the solver's does not.
         /// Largest error of a stride beside the solver, over what the solver changed in it.
         pub rel_tol: f64 = REL_TOL;
-        /// Predicted fields that both hold for.
+        /// Predicted fields whose errors are limited.
         pub fields: Option<Vec<String>> = None, "the first one that varies; of several surrogates the first of those that all predict";
-        /// Where the surrogate stays bad: `solver`, which goes on alone and is tried beside, or `stop`.
+        /// What follows `patience`: `solver` goes on alone, with the surrogate measured beside it; `stop` ends the run with an error.
         pub on_failure: OnFailure = OnFailure::default();
-        /// Measured strides in a row that allow no jump, after which a surrogate stays bad.
+        /// Measured strides in a row that allow no jump, after which `onFailure` applies.
         pub patience: usize = PATIENCE;
     }
 }

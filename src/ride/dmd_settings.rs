@@ -16,47 +16,47 @@ const DRIVEN_WINDOW: usize = 160;
 settings! {
     /// Settings of a dmd surrogate in a run.
     pub struct DmdSettings in "dmd" {
-        /// Time between the states that are kept, the stride: a tenth to a twentieth of the period of what the flow does.
+        /// Time between snapshots, the stride: a tenth to a twentieth of the flow's period.
         pub snapshot_interval: Option<f64> [s] = None, "found in the run: 25 of the longest time steps of late, then a fourteenth of the period that fits show";
-        /// States in a fit at most, up to 1000.
+        /// Most snapshots in a fit, up to 1000.
         pub window: Option<usize> = None, "40, and 160 where boundary values are prescribed in time";
         // The first states after a jump are not yet the solver's own.
-        /// States without a gap that a fit needs.
+        /// Fewest snapshots without a gap that a fit needs.
         pub min_snapshots: Option<usize> = None, "`window`, where it is given, else 40";
-        /// States at the end of the window that are held back to choose by.
+        /// Snapshots at the end of the window that are held out, to choose `delays` and `svdRank` by.
         pub hold_out: usize = FitSettings::default().hold_out;
-        /// Numbers of states in a delayed state to choose from.
+        /// Candidates for the number of snapshots in a delayed one (higher-order DMD).
         pub delays: Vec<usize> = FitSettings::default().delays;
-        /// Numbers of directions that are kept of the delayed states, to choose from.
+        /// Candidates for the rank of the truncated singular value decomposition.
         pub svd_rank: Vec<usize> = FitSettings::default().svd_rank;
-        /// Whether modes that grow go on growing, in place of keeping their size.
-        pub unstable_modes: Option<bool> = FitSettings::default().unstable_modes, "the held-back states say";
-        /// Strides of the solver between tries of a fit.
+        /// Whether modes keep a growth rate above 0; else they keep their size.
+        pub unstable_modes: Option<bool> = FitSettings::default().unstable_modes, "chosen by the held-out snapshots";
+        /// Strides of the solver between two fits.
         pub refit_interval: usize = 5;
-        /// Error of the held-back states, over that of holding the last state before them, below which a fit is used at once; one between
-        /// this and `jumpTolerance` is used when the three tries before were as good, to three tenths. A stride beside the solver with an error
+        /// Error of the held-out snapshots, over that of holding the last one before them, below which a fit is used at once; one between
+        /// this and `jumpTolerance` is used when the three fits before were as good, to three tenths. A stride beside the solver with an error
         /// below this, or below twice the fit's, makes the next jump longer; one above makes it shorter.
         pub fit_tolerance: f64 = 0.005;
-        /// Largest error of the held-back states, and of a stride beside the solver after a jump, over that of holding the last state.
+        /// Largest error of the held-out snapshots, and of a stride beside the solver after a jump, over that of holding the last state.
         pub jump_tolerance: f64 = 0.02;
         // What is at rest, or nearly, is jumped: a share of what it still changes by would be that of rounding.
         /// Fields, each with the change in its unit, root mean square, that counts as none (`rest { U 1e-4; }`). Errors are over what the
         /// flow changes, but at least over this.
         pub rest: BTreeMap<String, f64> = BTreeMap::new(), "a ten-thousandth of the most that a field has changed by since the first state";
-        /// Whether a start-up is cut short: a wave that grows or falls is brought to the size that it will have. What comes out is no copy of
-        /// the plain run before it has settled.
+        /// Whether a start-up is cut short: a wave that grows or decays is brought to its final amplitude. Until it has settled, the run
+        /// differs from the plain one.
         pub cut_transient: bool = false;
-        /// Waves of the fit in use that are fields at times to write, the largest first, with what does not oscillate.
+        /// Number of modes of the fit that are written as fields, the largest first, with their mean.
         pub write_modes: usize = 0;
         /// Strides of the first jump of a fit.
         pub initial_jump: usize = 10;
-        /// How much longer the next jump may be.
+        /// Largest ratio of a jump to the one before.
         pub jump_growth: f64 = 1.5;
-        /// Strides of a jump at most, up to a million.
+        /// Most strides of a jump, up to a million.
         pub max_jump: usize = 200;
-        /// How states are kept: `double` or `single`; sums are double with both.
+        /// Precision of stored snapshots: `double` or `single`; sums are in double.
         pub storage: Storage = Storage::default();
-        /// Whether states are kept on disk for a run that is carried on.
+        /// Whether snapshots are stored on disk for restarts.
         pub keep: bool = true;
     }
     beside {

@@ -18,13 +18,13 @@ const WINDOW: usize = 2000;
 const ROUNDING: f64 = 1e-12;
 
 settings! {
-    /// A result of another part of the run that is to be held.
+    /// A result of another function object whose error is limited.
     pub struct QuantitySettings in "quantities" {
         /// Name of the function object whose result it is.
         pub object: String;
         /// Name of the result.
         pub result: String;
-        /// Largest error at the end of a jump, over what the result varies by.
+        /// Largest error at the end of a jump, over the result's variation.
         pub tolerance: f64;
     }
 }

@@ -30,10 +30,10 @@ settings! {
     pub struct RideSettings in "ride" {
         /// `replace`: surrogates take over stretches of time steps; `observe`: they run beside the solver, and their errors are reported.
         pub mode: Mode;
-        /// What takes the solver's place: `network`, a trained model; `dmd`, which is fitted to the run's own states and needs no model;
-        /// or both: the network jumps until a fit holds, then the fit.
+        /// `network`, a trained model; `dmd`, which is fitted to the run's own states and needs no model; or both: the network jumps until
+        /// a fit holds, then the fit.
         pub surrogates: Vec<String> = vec![NETWORK.to_string()], "network";
-        /// How the dmd surrogate is fitted (dictionary).
+        /// Settings of the dmd surrogate (dictionary).
         pub dmd: Option<DmdSettings> = None, "its defaults";
         /// replace: time steps of the solver before each jump.
         pub solver_steps: Option<usize> = None, "required in mode replace; with dmd 1";
@@ -41,19 +41,19 @@ settings! {
         pub surrogate_steps: Option<usize> = None, "required in mode replace; with dmd `maxJump`";
         /// observe: strides after which a rollout begins anew.
         pub rollout_steps: usize = 50;
-        /// observe: where rollouts are off, at each cell and in each segment.
+        /// observe: writes the errors of rollouts at each cell and in each segment.
         pub write_errors: bool = false;
-        /// The solver is alone before.
+        /// Time before which the solver runs alone.
         pub time_start: Option<f64> [s] = None, "start of the run";
-        /// The solver is alone after.
+        /// Time after which the solver runs alone.
         pub time_end: Option<f64> [s] = None, "end of the run";
-        /// How far a jump may go (dictionary); observe: what it would have done.
+        /// Error control of jumps (dictionary); observe: what it would have allowed.
         pub control: Option<ControlSettings> = None, "`surrogateSteps`, always; with dmd in mode replace `tolerance` 0.05";
-        /// replace: list of results of other parts of the run that are held at the ends of jumps (dictionaries).
+        /// replace: results of other function objects whose errors at the ends of jumps are limited (list of dictionaries).
         pub quantities: Vec<QuantitySettings> = Vec::new(), "none";
         /// Significant digits of tables and messages.
         pub write_precision: usize = 6;
-        /// Where what is decided is written, as lines of JSON.
+        /// File of the decisions, lines of JSON.
         pub decisions: Option<PathBuf> = None, "nowhere";
         /// Where the dmd surrogate keeps its states, a file a rank.
         pub states: Option<PathBuf> = None, "nowhere";
