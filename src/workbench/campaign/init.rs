@@ -243,10 +243,10 @@ solver = {solver}
 # Above 1: decomposePar, mpirun, reconstructPar
 ranks = {ranks}
 
-# \"auto\": from the limit cycles of the finished runs around it, the last state of the nearest one, or cold, as finished runs show to pay;
-# \"nearest\": from that state; \"cold\": from the case's own fields
+# How a run starts. \"cold\": from the case's own fields; \"nearest\": from the last state of the nearest finished run; \"auto\": from the limit
+# cycles of the finished runs around it, from that state, or cold, whichever has cost the finished runs least
 start = \"auto\"
-# A parameter that is a velocity: what is taken is scaled by it
+# A parameter that is a velocity, by which the fields of finished runs are scaled
 # scale = \"{first}\"
 # A surrogate within the runs, with entries of m4gnSurrogate (docs/how-to/choose-snapshots.md)
 # surrogate = \"dmd\"
@@ -257,14 +257,14 @@ stop = true
 min_time = 0
 # end_time = {}
 confidence = 0.95
-# Share of the runs that are made once more, cold and plain and to the end, as a check
+# Share of the runs that are made a second time as a check: cold, without a surrogate, to end_time
 held_out = 0.1
 
 # Runs at once, and the longest time of a program, s
 jobs = 1
 time_limit = 86400
 
-# What is to be known, of function objects of the case: `tolerance` is in the quantity's unit, `relative` over it (docs/how-to/know-when-a-mean-is-known.md)
+# Quantities, results of the case's function objects. `tolerance` is in the quantity's unit, `relative` over it (docs/how-to/know-when-a-mean-is-known.md)
 {quantities}",
         source.end
     )
