@@ -72,7 +72,7 @@ decided 'nothing is changed' "not of('start_up', decision='changed') and of('sta
 # Two ranks make the same change: to the first quarter of a second that lies 0.3 s behind the first one
 until=$(python3 -c 'import json, sys
 first = next(d["time"] for d in map(json.loads, sys.stdin) if d["event"] == "start_up" and d["decision"] == "changed")
-print("%g" % (int(4*first + 2.2)/4))' <../whole/postProcessing/test/0/decisions.jsonl)
+print("%g" % (int(4*first + 2.2)/4))' <../whole/postProcessing/test/decisions.jsonl)
 control startTime 0 endTime "$until" writeInterval "$until"
 pressure_by_pcg
 ride "$dmd"
