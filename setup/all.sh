@@ -8,7 +8,11 @@ set -euo pipefail
 what=${1:-all}
 # What cannot be mended here is told before minutes of downloads
 need_cargo
-if foam_sourced; then "$M4GN_HOME/setup/openfoam.sh" >/dev/null; fi
+case $(realpath -m "${WM_PROJECT_DIR:-/usr/share/openfoam}") in
+    # Debian's comes with the packages
+    /usr/share/openfoam) ;;
+    *) "$M4GN_HOME/setup/openfoam.sh" >/dev/null ;;
+esac
 "$M4GN_HOME/setup/debian.sh" "$what"
 foam_sourced || "$M4GN_HOME/setup/openfoam-source.sh"
 if [ "$what" = all ]; then "$M4GN_HOME/setup/libtorch.sh"; fi

@@ -67,7 +67,7 @@ done
 
 # One without headers is not replaced by Debian's
 mkdir -p runtime/META-INFO && echo api=2412 > runtime/META-INFO/api-info
-refused 'the one that is sourced has no headers: .*-dev package' env WM_PROJECT_DIR="$PWD/runtime" "$M4GN_HOME/setup/openfoam.sh"
+refused 'the one that is sourced has no headers: .*-dev package' env WM_PROJECT_DIR="$PWD/runtime" "$M4GN_HOME/setup/all.sh" core
 
 # A checkout that was moved, or copied, is configured anew
 mkdir -p "$work/old/source" && echo 'cmake_minimum_required(VERSION 3.18)
