@@ -11,8 +11,6 @@ cd "$M4GN_HOME"
 what=${1:-all}
 case $what in core | all) ;; *) die "unknown part '$what'" "usage: setup/build.sh [core|all]" ;; esac
 need_cargo
-jobs=$(compilers)
-if [ "$jobs" -lt "$(cores)" ]; then export CARGO_BUILD_JOBS=${CARGO_BUILD_JOBS:-$jobs}; fi
 foam=$(setup/openfoam.sh --export)
 eval "$foam"
 packages=(--workspace --exclude m4gn-torch)
@@ -49,7 +47,7 @@ configure_function_objects() {
 build_function_objects() {
     wait "$beside" || true
     trap - EXIT
-    configure_function_objects && cmake --build target/openfoam -j "$jobs"
+    configure_function_objects && cmake --build target/openfoam
 }
 
 # Neither Cargo nor Ninja sees that the system's libraries are those of another release
@@ -59,7 +57,7 @@ mkdir -p target && echo "$system" >target/.system
 if [ ! -e target/release/.fingerprint ]; then step "dependencies kept from earlier" cargo_cache_restore || true; fi
 # OpenFOAM's templates take minutes to compile: in the time that cargo leaves, as libraries are linked at the end only
 mkdir -p "$M4GN_LOGS"
-(configure_function_objects && exec nice -n 19 ninja -C target/openfoam -j "$jobs" objects) \
+(configure_function_objects && exec nice -n 19 ninja -C target/openfoam -j "$CMAKE_BUILD_PARALLEL_LEVEL" objects) \
     >"$M4GN_LOGS/function-objects-beside-cargo.log" 2>&1 </dev/null &
 beside=$!
 trap 'kill "$beside" 2>/dev/null || true' EXIT
@@ -67,7 +65,8 @@ step "m4gn ($what)" build_crates ||
     die "the Rust part of m4gn did not build" \
         "The compiler's messages are above and in $M4GN_LOGS. With the set-up complete this is a fault of m4gn:" \
         "please report it with that file. If a system library was not found, type setup/debian.sh. A compiler that was" \
-        "killed (signal: 9) found no memory: type CARGO_BUILD_JOBS=1 setup/build.sh $what"
+        "killed (signal: 9) found no memory: type" \
+        "CARGO_BUILD_JOBS=1 CMAKE_BUILD_PARALLEL_LEVEL=1 setup/build.sh $what"
 cargo_cache_has "$what" || step "dependencies kept for the next clone" cargo_cache_save "$what" ||
     warn "the compiled dependencies could not be kept in $M4GN_CACHE: a fresh clone will compile them again"
 step "function objects for OpenFOAM $M4GN_FOAM_VERSION" build_function_objects ||

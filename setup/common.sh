@@ -70,6 +70,8 @@ configure() {
     source=$(cd "$1" && pwd -P) || return
     shift 2
     grep -qsxF "CMAKE_HOME_DIRECTORY:INTERNAL=$source" "$build/CMakeCache.txt" || rm -rf "$build"
+    # For cmake --build behind it
+    export CMAKE_BUILD_PARALLEL_LEVEL=${CMAKE_BUILD_PARALLEL_LEVEL:-$(compilers)}
     cmake -S "$source" -B "$build" -G Ninja "$@"
 }
 
@@ -158,13 +160,15 @@ need_cargo() {
     if ! command -v cargo >/dev/null && [ -x "$bin/cargo" ]; then PATH=$bin:$PATH; fi
     command -v cargo >/dev/null || die "cargo was not found: not on PATH, not in $bin" \
         "Install the Rust toolchain with rustup (https://rustup.rs), then run this again."
-    local needed found
+    local needed found jobs
     needed=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' "$M4GN_HOME/Cargo.toml")
     found=$(cargo --version | cut -d' ' -f2) || die "$(command -v cargo) does not run" "With rustup, type: rustup default stable"
     printf '%s\n' "$needed" "$found" | sort -VC || die "$(command -v cargo) is version $found, and m4gn needs $needed or later" \
         "With rustup (https://rustup.rs), type: rustup update stable, and put $bin first in PATH. Then run this again."
     # The scripts and the documents name target/release; a target folder set elsewhere would break that.
     export CARGO_TARGET_DIR=$M4GN_HOME/target CARGO_NET_RETRY=${CARGO_NET_RETRY:-5}
+    jobs=$(compilers)
+    if [ "$jobs" -lt "$(cores)" ]; then export CARGO_BUILD_JOBS=${CARGO_BUILD_JOBS:-$jobs}; fi
 }
 
 # OpenMPI refuses root and more ranks than cores by default (PRTE: from version 5 on), and its shared-memory copies fail in containers;
