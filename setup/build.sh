@@ -52,7 +52,7 @@ build_function_objects() {
 
 # Neither Cargo nor Ninja sees that the system's libraries are those of another release
 system=$(basename "$(cargo_cache_dir)")
-[ "$(cat target/.system 2>/dev/null || echo "$system")" = "$system" ] || rm -rf target/{release,openfoam,solids4foam}
+[ "$(cat target/.system 2>/dev/null || echo "$system")" = "$system" ] || rm -rf target/{release,openfoam,solids4foam,tests}
 mkdir -p target && echo "$system" >target/.system
 if [ ! -e target/release/.fingerprint ]; then step "dependencies kept from earlier" cargo_cache_restore || true; fi
 # OpenFOAM's templates take minutes to compile: in the time that cargo leaves, as libraries are linked at the end only
