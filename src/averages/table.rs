@@ -13,6 +13,8 @@ pub struct Column {
     pub values: Vec<f64>,
     /// Rows at which what a later start has left begins.
     begins: Vec<usize>,
+    /// Number of rows that are left out, without the columns of a field that was not solved for.
+    short: usize,
 }
 
 impl Column {
@@ -39,6 +41,7 @@ impl Column {
 
     /// Takes another one's rows in place of its own from that one's first row on.
     fn carried_on(&mut self, later: Column) {
+        self.short += later.short;
         let Some(first) = later.times.first() else { return };
         let keep = self.times.partition_point(|t| t < first);
         self.times.truncate(keep);
@@ -127,9 +130,13 @@ pub fn column(text: &str, name: &str) -> std::result::Result<Column, String> {
 
 /// The column, unless it is without rows.
 fn some(column: Column) -> std::result::Result<Column, String> {
-    match column.times.is_empty() {
-        true => Err("expected rows of numbers, found none".into()),
-        false => Ok(column),
+    match (column.times.is_empty(), column.short) {
+        (false, _) => Ok(column),
+        (true, 0) => Err("expected rows of numbers, found none".into()),
+        (true, short) => Err(format!(
+            "expected a row with all columns of the header, found {short} without those of a field that was not solved for; give \
+             solverInfo the fields alone that are, or name the column by its number from 1 behind the time"
+        )),
     }
 }
 
@@ -141,7 +148,7 @@ fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
     let mut header = "";
     let mut place: Option<(usize, usize)> = None;
     let mut found = Column::default();
-    let (mut all, mut short) = (0, 0);
+    let mut all = 0;
     for (i, line) in whole.lines().enumerate() {
         let line = line.trim_end();
         if let Some(comment) = line.trim_start().strip_prefix('#') {
@@ -157,7 +164,7 @@ fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
         let time = number(time, i).map_err(|e| e + hint)?;
         let words: Vec<(usize, &str)> = words.collect();
         if words.len() < all {
-            short += 1;
+            found.short += 1;
             continue;
         }
         let (at, count) = match place {
@@ -185,12 +192,6 @@ fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
         }
         found.times.push(time);
         found.values.push(number(words[at], i)?);
-    }
-    if found.times.is_empty() && short > 0 {
-        return Err(format!(
-            "expected a row with the {all} columns of the header, found {short} without those of a field that was not solved for; \
-             give solverInfo the fields alone that are, or name the column by its number from 1 behind the time"
-        ));
     }
     Ok(found)
 }
@@ -300,17 +301,25 @@ mod tests {
 
     #[test]
     fn steps_that_do_not_solve_for_a_field_have_no_row() {
-        let rows = |rows: &str| {
+        let table = |rows: &str| {
             let header =
                 "# Solver information\n# Time\tT_solver\tT_initial\tp_solver\tp_initial\tp_converged\n";
-            column(&format!("{header}{rows}"), "p_initial")
+            format!("{header}{rows}")
         };
+        let rows = |rows: &str| column(&table(rows), "p_initial");
         let read =
             rows("1 PCG 0.1 true\n2 PBiCG 0.5 PCG 0.2 true\n3 PCG 0.3 true\n4 PBiCG 0.5 PCG 0.4 true\n")
                 .unwrap();
         assert_eq!((read.times, read.values), (vec![2.0, 4.0], vec![0.2, 0.4]));
         let none = rows("1 PCG 0.1 true\n2 PCG 0.2 true\n").unwrap_err();
-        assert!(none.contains("5 columns of the header, found 2 without"), "{none}");
+        assert!(none.contains("all columns of the header, found 2 without"), "{none}");
+        // A restart that has no other rows
+        let [first, short] = ["1 PBiCG 0.5 PCG 0.2 true\n", "2 PCG 0.3 true\n"].map(table);
+        let folder = folder_of(&[("0/s.dat", &first), ("1/s.dat", &short), ("2/none.dat", &short)]);
+        let joined = |file: &str| super::read(&folder.path().join(file), "p_initial");
+        assert_eq!(joined("s.dat").unwrap().values, [0.2]);
+        let none = joined("none.dat").unwrap_err().to_string();
+        assert!(none.contains("none.dat: expected a row") && none.contains("found 1 without"), "{none}");
         assert_eq!(column("# Time p_solver p_initial U_solver\n1 PCG 0.1\n", "2").unwrap().values, [0.1]);
     }
 
