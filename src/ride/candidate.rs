@@ -140,6 +140,11 @@ impl<'a> Candidate<'a> {
         control.wants_solver(fits)
     }
 
+    /// Whether this step of the solver is longer than a stride, which saves nothing then. A fit takes longer strides itself.
+    pub fn is_outgrown(&self, step: &Step) -> bool {
+        self.fit_control.is_none() && self.stride() < step.delta_t * (1.0 - 1e-6)
+    }
+
     /// Whether a stride beside the solver may begin here.
     pub fn can_begin(&self, step: &Step) -> bool {
         !self.shadow.waiting && self.is_ready(step.time)

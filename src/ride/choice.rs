@@ -52,9 +52,11 @@ impl Ride<'_> {
         for candidate in &mut self.candidates {
             candidate.shadow.waiting &= !anew;
         }
-        let Some(turn) = self.turn().filter(|&i| self.candidates[i].can_begin(&self.step)) else {
-            return Ok(());
+        // What a step does that is longer than a stride would be compared with a prediction of less
+        let may = |&i: &usize| {
+            self.candidates[i].can_begin(&self.step) && !self.candidates[i].is_outgrown(&self.step)
         };
+        let Some(turn) = self.turn().filter(may) else { return Ok(()) };
         let duration = self.candidates[turn].stride();
         let ahead = self.ahead(turn, false, duration)?;
         let candidate = &mut self.candidates[turn];
@@ -85,16 +87,16 @@ impl Ride<'_> {
         let others = self.candidates.iter_mut().enumerate().filter(|(i, _)| Some(*i) != turn);
         others.for_each(|(_, c)| c.fresh = false);
         let Some(turn) = turn else { return Ok(None) };
-        let candidate = &self.candidates[turn];
-        let measured = !controlled || candidate.fresh && candidate.is_ready(step.time);
+        let (digits, candidate) = (self.digits(), &mut self.candidates[turn]);
         let stride = candidate.stride();
-        if !measured || !self.schedule.fits(&step, step.delta_t, stride, 1.0) {
+        if candidate.is_outgrown(&step) {
+            candidate.fresh = false;
+            let source = candidate.describe().source.clone();
+            self.log.short_stride(&step.name, &source, [digits.of(stride), digits.of(step.delta_t)]);
             return Ok(None);
         }
-        // A fit takes longer strides itself
-        if candidate.fit_control.is_none() && stride < step.delta_t * (1.0 - 1e-6) {
-            let (source, digits) = (candidate.describe().source.clone(), self.digits());
-            self.log.short_stride(&step.name, &source, [digits.of(stride), digits.of(step.delta_t)]);
+        let measured = !controlled || candidate.fresh && candidate.is_ready(step.time);
+        if !measured || !self.schedule.fits(&step, step.delta_t, stride, 1.0) {
             return Ok(None);
         }
         let (most, judgement) = self.watch.most(&step.name, self.schedule.surrogate_steps);

@@ -86,6 +86,22 @@ fn the_run_stops_where_that_is_asked_for() {
     assert!(rows.lines().count() >= 1, "{rows}");
 }
 
+/// Toy is exact, but a prediction of .5 s is none of a step of .9 s.
+#[test]
+fn steps_that_have_outgrown_the_stride_are_no_errors_of_it() {
+    let stop = settings(r#""tolerance": 0.02, "onFailure": "stop", "patience": 3"#);
+    let mut r = ride(&stop, Some(Toy::new(0.5))).unwrap();
+    for index in 1..20i32 {
+        let time = 0.9 * f64::from(index);
+        let state = toy::state(time);
+        let step = toy::at(time, 0.9, 99.0, i64::from(index));
+        let answer = r.solved(step, Some(&super::hosting::view(&state))).unwrap();
+        assert_eq!(answer.action, crate::Action::Solve);
+    }
+    assert!(r.take(crate::Text::Warning).contains("is shorter than the solver's time step, 0.9 s"));
+    assert!(r.end().contains("\"strides_measured\": 0,"));
+}
+
 /// The second one never has a turn.
 #[test]
 fn the_run_stops_where_the_one_of_two_that_may_jump_stays_bad() {
