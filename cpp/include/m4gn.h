@@ -400,7 +400,7 @@ typedef struct m4gn_surrogate
     const char* name;          /* in messages and tables */
     double stride;             /* time that a step advances, s */
     int32_t n_fields;          /* SOLVED and FOLLOWS arrays that it advances */
-    const char* const* fields; /* [n_fields] their names */
+    const char* const* fields; /* [n_fields] their names, each once */
     /* One step: `state` has all arrays of the ride at its start, `next` the places of those that it advances, which hold the start's
      * values, and NULL for the others. A status; M4GN_ERROR_NUMERICAL where there is no result. All ranks are called. */
     int32_t (*step)(void* data, const double* const* state, double* const* next);
