@@ -308,3 +308,10 @@ quantity fallback 'start = "nearest"'
 sed -i 's/^solver = .*/solver = [".\/own"]/' fallback/campaign.toml
 runs m4gn campaign run --store fallback
 expect_log 'r02 .*from cold (from nearest r01 there is no answer: .*log.own: own failed'
+
+# A time that Allrun.pre leaves is none of a run's, and none that init's check begins at
+printf '#!/bin/sh\nblockMesh\ncp -r 0 5\n' > cavity/Allrun.pre
+chmod +x cavity/Allrun.pre
+sed -i 's/^startFrom .*/startFrom latestTime;/' cavity/system/controlDict
+runs m4gn campaign init cavity --out left --parameter Ulid=1 --parameter n=20
+expect_silence 'begins at its end'

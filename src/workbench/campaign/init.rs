@@ -1,7 +1,7 @@
 //! A campaign made of a case: its three files.
 
 use super::case::{PARAMETERS, Source, parameters};
-use super::one::clear_ranks;
+use super::one::{clear_ranks, forget_behind};
 use super::quantities::{Entries, quantities};
 use super::sampling::{Method, Parameter, sample};
 use super::survey::{check_uses, commands};
@@ -143,7 +143,8 @@ fn checked(
     let made = source
         .copy(&copy, &settings, parameters)
         .and_then(|()| settings.prepare.iter().try_for_each(|command| quick.run(&copy, command)))
-        .and_then(|()| clear_ranks(&copy));
+        .and_then(|()| clear_ranks(&copy))
+        .and_then(|()| forget_behind(&copy, source.start));
     let plan = Plan {
         case: Case::Folder(copy.clone()),
         model: None,

@@ -240,7 +240,7 @@ fn ended(case: &Path, start: f64, log: &Path) -> Result<(String, f64)> {
 }
 
 /// Removes the times of a run's case that are behind this one, s.
-fn forget_behind(case: &Path, end: f64) -> Result<()> {
+pub(super) fn forget_behind(case: &Path, end: f64) -> Result<()> {
     for folder in of_ranks(case)?.into_iter().chain([case.to_path_buf()]) {
         for (name, _) in times(&folder)?.into_iter().filter(|(_, time)| *time > end) {
             let path = folder.join(name);
