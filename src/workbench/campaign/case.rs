@@ -289,7 +289,7 @@ pub fn parameters(table: &Table, row: &Row) -> String {
 }
 
 /// Whether a script puts the original first fields into the case itself, and not into folders of ranks.
-fn takes_original(script: &str) -> bool {
+pub(super) fn takes_original(script: &str) -> bool {
     let commands = script.lines().map(|line| line.split('#').next().unwrap_or_default());
     commands
         .filter(|c| !c.contains("processor"))

@@ -1,6 +1,6 @@
 //! What a case says of itself before a campaign is made of it: its commands, and where it uses the parameters.
 
-use super::case::{PARAMETERS, Source};
+use super::case::{PARAMETERS, Source, takes_original};
 use super::sampling::{Parameter, Values};
 use super::table::number;
 use crate::user_case::script::{Commands, ORIGINAL, of_files, of_script};
@@ -73,7 +73,7 @@ pub fn check_uses(source: &Source, parameters: &[Parameter]) -> Result<Vec<Strin
     }
     let text = |name: &str| texts.iter().find(|(n, _)| n == name).map_or("", |(_, text)| text.as_str());
     let used = |name: &str| parameters.iter().any(|p| uses(text(name), &p.name));
-    let replaces = ["restore0Dir", ORIGINAL].iter().any(|word| text("Allrun.pre").contains(word));
+    let replaces = takes_original(text("Allrun.pre"));
     let commands = commands(source, parameters).prepare;
     let copied = |field: &str| {
         commands.iter().any(|command| {
@@ -259,6 +259,9 @@ mod tests {
             message.contains("0/U uses a parameter, and Allrun.pre puts 0.orig in its place"),
             "{message}"
         );
+        let (_dir, of_ranks) =
+            source(&[("0/U", "$Uin"), ("0.orig/U", "1"), ("Allrun.pre", "restore0Dir -processor")]);
+        check_uses(&of_ranks, &["Uin=1:2".parse().unwrap()]).unwrap();
         let (_dir, stale) = source(&[("0/U", "1"), ("0.orig/U", "$Uin"), ("Allrun", "cp -r 0.orig 0\n")]);
         let message = check_uses(&stale, &["Uin=1:2".parse().unwrap()]).unwrap_err().to_string();
         assert!(message.contains("0.orig/U uses a parameter, and 0/U, which runs begin with"), "{message}");
