@@ -136,7 +136,8 @@ impl Copy {
             // What a path may lead to lies in the copy.
             let stays = |c: &Vec<String>| !c.iter().any(|word| word.contains("..") || word.starts_with('/'));
             let read = |name: &str| files::read_text(self.original.join(name)).unwrap_or_default();
-            let script = ["Allrun.pre", "Allrun"].map(read).join("\n");
+            // Each begins in the case's folder
+            let script = ["Allrun.pre", "Allrun"].map(read).join("\ncd ${0%/*}\n");
             let original = at(ORIGINAL).is_dir() && !at("0").exists();
             let script = of_script(&script, &self.application, original);
             let (own, outside): (Vec<_>, Vec<_>) = script.prepare.into_iter().partition(stays);

@@ -80,7 +80,11 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
         match first {
             "(" => outer.push(place.clone()),
             ")" => place = outer.pop().unwrap_or_default(),
-            "cd" => go(&mut place, words.get(1).map_or("~", |to| to.trim_end_matches(';'))),
+            "cd" if words.len() == 1 => go(&mut place, "~"),
+            "cd" => {
+                let pairs = words.windows(2).filter(|pair| pair[0] == "cd");
+                pairs.for_each(|pair| go(&mut place, pair[1].trim_end_matches(';')));
+            }
             _ => {}
         }
         let more = line.contains("&&") || line.trim_end_matches(';').contains(';');
@@ -213,13 +217,16 @@ mod tests {
 
     #[test]
     fn what_is_done_in_other_folders_is_left_out() {
-        let script = "cd \"${0%/*}\" || exit\ncd mesh\nrunApplication blockMesh\ncd ..\nrunApplication setFields\n(\n    cd a/b || exit\n\n    \
+        let script = "cd \"${0%/*}\" || exit\ncd mesh && runApplication blockMesh; cd ..\nrunApplication setFields\ncd mesh\nrunApplication checkMesh\ncd ..\n(\n    cd a/b || exit\n\n    \
                       runApplication topoSet\n)\ncp a b\ncd ../other && mv c d\ncp e f\nrunApplication icoFoam\n";
         let found = of_script(script, "icoFoam", true);
         assert_eq!(found.prepare, [vec!["setFields"], vec!["cp", "a", "b"]]);
-        let left = ["cd mesh", "runApplication blockMesh", "(", "cd a/b || exit", "runApplication topoSet"];
-        assert_eq!(found.unknown[..5], left);
-        assert_eq!(found.unknown[5..], [")", "cd ../other && mv c d", "cp e f"]);
+        let left = ["cd mesh && runApplication blockMesh; cd ..", "cd mesh", "runApplication checkMesh", "("];
+        assert_eq!(found.unknown[..4], left);
+        assert_eq!(
+            found.unknown[4..],
+            ["cd a/b || exit", "runApplication topoSet", ")", "cd ../other && mv c d", "cp e f"]
+        );
     }
 
     #[test]
