@@ -315,3 +315,11 @@ chmod +x cavity/Allrun.pre
 sed -i 's/^startFrom .*/startFrom latestTime;/' cavity/system/controlDict
 runs m4gn campaign init cavity --out left --parameter Ulid=1 --parameter n=20
 expect_silence 'begins at its end'
+
+# A run's end is that of the controlDict that prepare leaves
+printf '#!/bin/sh\nblockMesh\nsed -i "s/^endTime .*/endTime 0.1;/" system/controlDict\n' > cavity/Allrun.pre
+runs m4gn campaign init cavity --out sooner --parameter Ulid=1 --parameter n=20
+quantity sooner 'stop = false'
+sed -i 's/^min_time = .*/min_time = 0/' sooner/campaign.toml
+runs m4gn campaign run --store sooner
+grep -q '"end_time": 0.1,' sooner/runs/r01/done || fail "not the end of prepare: $(grep end_time sooner/runs/r01/done)"

@@ -2,6 +2,7 @@
 
 use super::settings::{Quantity, Settings, Statistic};
 use super::table::{Row, Table};
+use crate::generate::openfoam::scratch;
 use crate::generate::process::Surroundings;
 use crate::user_case::script::ORIGINAL;
 use crate::user_case::{LEFT_OUT, copy_all, entry, function_objects, header, names, time, times};
@@ -202,6 +203,19 @@ impl Source {
             copy_all(&copy.join(ORIGINAL), &first)?;
         }
         write(&copy.join(PARAMETERS), parameters)
+    }
+
+    /// The case with the end and the function objects of a copy's `controlDict`, where the commands of `prepare` have left another one there.
+    ///
+    /// # Errors
+    /// As [`Source::read`].
+    pub fn prepared(self, copy: &Path, parameters: &str, tools: &Surroundings) -> Result<Self> {
+        let control = |folder: &Path| files::read(folder.join("system/controlDict")).ok();
+        if control(copy) == control(&self.folder) {
+            return Ok(self);
+        }
+        let found = Source::read(copy, scratch()?.path(), parameters, None, tools)?;
+        Ok(Source { end: found.end, functions: found.functions, ..self })
     }
 
     /// Puts the `controlDict` of a run in place of the case's, which it includes. The commands of `prepare` come before: they may run other solvers, or

@@ -110,7 +110,8 @@ fn make(
     let sisters = if unit.check { Vec::new() } else { campaign.sisters(unit)? };
     let asked = if unit.check { Start::Cold } else { settings.start };
     let plan = Plan::new(if failed.is_some() { Start::Cold } else { asked }, &sisters);
-    source.copy(case, settings, &case::parameters(&campaign.table, row))?;
+    let parameters = case::parameters(&campaign.table, row);
+    source.copy(case, settings, &parameters)?;
     // The record says what was copied
     if let Some(what) = campaign.source.digests()?.differs(&campaign.files) {
         let folder = &campaign.source.folder;
@@ -123,6 +124,7 @@ fn make(
     clear_ranks(case)?;
     // Those of a steady run, say, are none of this one's
     forget_behind(case, source.start)?;
+    let source = source.prepared(case, &parameters, tools)?;
     source.control(case, settings, unit.check)?;
     let mut cost = Cost { prepare: clock.lap()?, ..Cost::default() };
 
