@@ -97,8 +97,8 @@ void Foam::m4gnJump::writeOthers(const wordHashSet& executed) const
 
     forAll(list, i) {
         const auto* controls = isA<functionObjects::timeControl>(list[i]);
-        const bool keeps = controls ? controls->writeControl().control() == timeControl::ocWriteTime
-                                    : m4gnFunctionObjects::typeOf(list[i], time_) == "m4gnAverages";
+        const bool keeps = m4gnFunctionObjects::typeOf(list[i], time_) == "m4gnAverages"
+                           || (controls && controls->writeControl().control() == timeControl::ocWriteTime);
         if (keeps && list[i].name() != name_ && executed.found(list[i].name())) {
             list[i].write();
         }

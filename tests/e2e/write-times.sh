@@ -70,7 +70,8 @@ close_to ../whole 1e-10 0.06/U
 # So does one with a fit, whose next state may be a time to write within the stride. What others keep is there where a jump begins
 clean_case
 control startTime 0 writeInterval 0.004 endTime 0.3
-beside='average { type fieldAverage; libs (fieldFunctionObjects); fields ( U { mean on; prime2Mean off; base time; } ); writeControl writeTime; }'
+beside="average { type fieldAverage; libs (fieldFunctionObjects); fields ( U { mean on; prime2Mean off; base time; } ); writeControl writeTime; }
+    $(drag forces) averages { type m4gnAverages; libs (m4gnAverages); timeStart 0.01; quantities { Cd { functionObject forces; result Cd; } } }"
 surrogate 'mode replace; surrogates (dmd); writeJumps yes; control { tolerance 1e30; relTol 1e30; }
     dmd { snapshotInterval 0.01; window 14; minSnapshots 14; holdOut 3; delays (2 4); svdRank (4 8); jumpTolerance 1e30; fitTolerance 1e30;
         initialJump 2; maxJump 2; }'
@@ -83,6 +84,7 @@ for line in map(json.loads, open("postProcessing/test/decisions.jsonl")):
         break')
 [ -n "$begun" ] || fail "no jump of the fit begins between two times to write"
 carry_on "$begun"
+expect_log "averages carries on with the series of .*/$begun/uniform/averages.state"
 close_to ../whole 1e-6 0.3/UMean
 from() { find "$1" -maxdepth 1 -name '0.*' -printf '%f\n' | sort -g | awk -v t="$begun" '$1 >= t'; }
 diff <(from ../whole) <(from .) || fail "carried on at $begun, other times are written"
