@@ -2,8 +2,10 @@
 
 use super::{Cell, Data, Failure, Plan};
 use crate::signal::median;
+use m4gn_averages::student::two_sided;
 use m4gn_base::{Result, files, listed};
 use m4gn_report::{Table, number};
+use serde::Serialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -86,6 +88,13 @@ impl Spread {
     }
 }
 
+/// The logarithm of RMSE-all of each trajectory, by its path.
+fn logarithms(figures: &Value) -> impl Iterator<Item = (&str, f64)> {
+    let cases = figures["cases"].as_array().into_iter().flatten();
+    let cases = cases.filter(|case| counts(figures, case["split"].as_str().unwrap_or_default()));
+    cases.filter_map(|case| Some((case["path"].as_str()?, case["model"]["rmse_all"].as_f64()?.ln())))
+}
+
 /// A table and what it is of.
 #[derive(Clone, Debug)]
 struct Section {
@@ -154,11 +163,21 @@ impl Row<'_> {
         Spread::of(&self.own.iter().map(|(cell, figures)| of(cell, figures)).collect::<Vec<_>>())
     }
 
-    /// The mean of a figure over these seeds.
-    fn mean(&self, key: &str, seeds: &[u64]) -> Option<f64> {
-        let chosen = self.own.iter().filter(|(cell, _)| seeds.contains(&cell.seed));
-        let values: Vec<_> = chosen.map(|(_, figures)| figure(figures, "model", key)).collect();
+    /// Its figures with these seeds.
+    fn with<'b>(&'b self, seeds: &'b [u64]) -> impl Iterator<Item = &'b Value> {
+        self.own.iter().filter(|(cell, _)| seeds.contains(&cell.seed)).map(|(_, figures)| *figures)
+    }
+
+    /// The mean of RMSE-all over these seeds.
+    fn mean(&self, seeds: &[u64]) -> Option<f64> {
+        let values: Vec<_> = self.with(seeds).map(|f| figure(f, "model", "rmse_all")).collect();
         Spread::of(&values).map(|s| s.mean)
+    }
+
+    /// [`logarithms`] of each of these seeds.
+    fn logarithms<'b>(&'b self, seeds: &'b [u64]) -> Vec<BTreeMap<&'b str, f64>> {
+        let of_seed = |figures| logarithms(figures).collect();
+        self.with(seeds).map(of_seed).collect()
     }
 
     fn cells(&self, columns: &[(&str, &str)], seeds: usize) -> Vec<String> {
@@ -193,28 +212,72 @@ impl Row<'_> {
     }
 }
 
-/// By how much a network is ahead of another.
+/// By how much a network is ahead of another, as parts of the other's RMSE-all.
 struct Margin<'a> {
     part: f64,
     other: &'a str,
     /// Those that both have.
     seeds: Vec<u64>,
+    /// Over the trajectories one by one, with its interval; none of a single trajectory.
+    paired: Option<Paired>,
 }
 
-/// The margin of a network by a figure over the best of the others, each over the seeds that both have: of another kind, where there is one
-/// (`variants`: there is none).
-fn margin<'a>(
-    rows: &[Row<'a>],
-    (of, key): (&str, &str),
-    is_other: impl Fn(&str) -> bool,
-) -> Option<Margin<'a>> {
+/// A mean of paired differences, and the ends of its interval of 95 %.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+struct Paired {
+    part: f64,
+    low: f64,
+    high: f64,
+}
+
+impl Paired {
+    /// Of the errors' logarithms, of the network and of the other: a list a seed, of the same trajectories. Other trajectories and other seeds would both
+    /// give another mean, so that their variances add (degrees of freedom: Welch-Satterthwaite).
+    fn of(own: &[BTreeMap<&str, f64>], other: &[BTreeMap<&str, f64>]) -> Option<Self> {
+        let mut by_seed = Vec::new();
+        let mut by_trajectory: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+        for (own, other) in own.iter().zip(other) {
+            let pairs: Vec<_> =
+                own.iter().filter_map(|(&path, e)| Some((path, e - other.get(path)?))).collect();
+            by_seed.push(mean(pairs.iter().map(|p| p.1)));
+            pairs.iter().for_each(|&(path, d)| by_trajectory.entry(path).or_default().push(d));
+        }
+        let by_trajectory: Vec<f64> = by_trajectory.into_values().map(|d| mean(d.into_iter())).collect();
+        if by_trajectory.len() < 2 {
+            return None;
+        }
+        let middle = mean(by_trajectory.iter().copied());
+        let [(a, freedom_a), (b, freedom_b)] = [&by_trajectory, &by_seed].map(|means| {
+            let (n, center) = (means.len() as f64, mean(means.iter().copied()));
+            let square: f64 = means.iter().map(|d| (d - center).powi(2)).sum();
+            (square / (n * (n - 1.0)).max(1.0), (n - 1.0).max(1.0))
+        });
+        let half_width = match a + b > 0.0 {
+            true => {
+                two_sided(0.95, (a + b).powi(2) / (a * a / freedom_a + b * b / freedom_b)) * (a + b).sqrt()
+            }
+            false => 0.0,
+        };
+        let [part, low, high] = [middle, middle + half_width, middle - half_width].map(|x| 1.0 - x.exp());
+        (part.is_finite() && low.is_finite()).then_some(Paired { part, low, high })
+    }
+}
+
+fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let n = values.len() as f64;
+    values.sum::<f64>() / n
+}
+
+/// The margin of a network by RMSE-all over the best of the others, each over the seeds that both have: of another kind, where there is one.
+fn margin<'a>(rows: &[Row<'a>], of: &str, is_other: impl Fn(&str) -> bool) -> Option<Margin<'a>> {
     let trained = || rows.iter().filter(|row| row.count.is_none());
     let own = trained().find(|row| row.network == of)?;
     let over = |other: &Row<'a>| {
         let has = |seed: &u64| other.own.iter().any(|(cell, _)| cell.seed == *seed);
         let seeds: Vec<u64> = own.own.iter().map(|(cell, _)| cell.seed).filter(has).collect();
-        let theirs = other.mean(key, &seeds).filter(|mean| mean.is_finite())?;
-        Some(Margin { part: 1.0 - own.mean(key, &seeds)? / theirs, other: other.network, seeds })
+        let theirs = other.mean(&seeds).filter(|mean| mean.is_finite())?;
+        let paired = Paired::of(&own.logarithms(&seeds), &other.logarithms(&seeds));
+        Some(Margin { part: 1.0 - own.mean(&seeds)? / theirs, other: other.network, seeds, paired })
     };
     let all = trained().filter(|row| row.network != of && is_other(row.network)).filter_map(over);
     all.min_by(|a, b| a.part.total_cmp(&b.part)).filter(|margin| margin.part.is_finite())
@@ -263,17 +326,20 @@ fn section(
     let is_alike = |network: &str| kind.is_some() && plan.kind(&data.name, network) == kind;
     let variants = rows.iter().all(|row| is_alike(row.network));
     let is_other = |network: &str| variants || !is_alike(network);
-    let [all, median] = ["rmse_all", "median"].map(|key| margin(&rows, (of, key), is_other));
+    let margin = margin(&rows, of, is_other);
     let mut note = note(plan, first);
-    for (margin, what) in [(&all, "RMSE-all"), (&median, "The median")] {
-        let Some(Margin { part, other, seeds }) = margin else { continue };
+    if let Some(Margin { part, other, seeds, paired }) = &margin {
         let (percent, way) = (number(100.0 * part.abs(), 2), if *part < 0.0 { "above" } else { "below" });
         let whose = if variants { "other network" } else { "network of another kind" };
-        note += &format!(" {what} of {of} is {percent} % {way} that of the best {whose}, {other}");
+        note += &format!(" RMSE-all of {of} is {percent} % {way} that of the best {whose}, {other}");
         if seeds.len() < plan.seeds.len() {
             note += &format!(", over the seeds that both have: {}", listed(seeds));
         }
         note += ".";
+        if let Some(Paired { part, low, high }) = paired {
+            let [part, low, high] = [part, low, high].map(|x| number(100.0 * x, 2));
+            note += &format!(" Trajectory by trajectory the margin is {part} % (95 %: {low} to {high} %).");
+        }
     }
     for f in failures.iter().filter(|f| f.data == data.name) {
         // In a line
@@ -281,11 +347,10 @@ fn section(
         note +=
             &format!(" Failed: {}, seed {}: {}.", f.network, f.seed, error.join(" ").trim_end_matches('.'));
     }
-    let seeds = |margin: &Option<Margin>| margin.as_ref().map(|m| m.seeds.clone());
-    let part = |margin: &Option<Margin>| margin.as_ref().map(|m| m.part);
+    let margin = margin.as_ref();
     let json = json!({
-        "data": data.name, "test": test, "field": first["field"], "unit": unit, "margin": part(&all), "margin_seeds": seeds(&all),
-        "margin_of_medians": part(&median), "margin_of": of,
+        "data": data.name, "test": test, "field": first["field"], "unit": unit, "margin": margin.map(|m| m.part),
+        "margin_seeds": margin.map(|m| &m.seeds), "margin_paired": margin.and_then(|m| m.paired), "margin_of": of,
         "networks": rows.iter().filter(|r| !r.own.is_empty()).map(|r| r.json(&columns)).collect::<Vec<_>>(), "baselines": baselines,
     });
     (Section { heading: format!("{}, {test}", data.name), note, table }, json)
@@ -360,8 +425,7 @@ mod tests {
             "0.300 ± 0.14",
             "not finite",
             "RMSE-all of M4GN is 40 % below that of the best network of another kind, GCN.",
-            // Of 0.1 and 0.2, and 0.1 and 0.4; of 0.1 and 0.5.
-            "The median of M4GN is 33 % below that of the best network of another kind, GCN.",
+            "Trajectory by trajectory the margin is 25 % (95 %: ",
             "0.200 ± 0.071",
             "persistence",
             "dmd",
@@ -379,6 +443,27 @@ mod tests {
         report.write(dir.path()).unwrap();
         let read = |name: &str| std::fs::read_to_string(dir.path().join(name)).unwrap();
         assert!(read("study.md").contains("| M4GN | 2 of 2 | 1234 |"), "{}", read("study.md"));
+    }
+
+    #[test]
+    fn paired_differences_have_the_interval_of_students_t() {
+        let list = |values: &[f64]| -> BTreeMap<&str, f64> {
+            ["a", "b", "c"].into_iter().zip(values.iter().copied()).collect()
+        };
+        let [zero, twice] = [vec![list(&[0.0; 3])], vec![list(&[0.0; 3]); 2]];
+        // One seed: -.1 +- 4.303 (.1/sqrt(3))
+        let paired = Paired::of(&[list(&[-0.2, -0.1, 0.0])], &zero).unwrap();
+        let half = 4.302_65 * 0.1 / 3f64.sqrt();
+        for (found, logarithm) in [(paired.part, -0.1), (paired.low, -0.1 + half), (paired.high, -0.1 - half)]
+        {
+            assert!((found - (1.0 - f64::exp(logarithm))).abs() < 1e-5, "{paired:?}");
+        }
+        // Two seeds that differ, on trajectories that do not: -.1 +- 12.706 (.1)
+        let paired = Paired::of(&[list(&[0.0; 3]), list(&[-0.2; 3])], &twice).unwrap();
+        assert!((paired.low - (1.0 - f64::exp(-0.1 + 1.270_62))).abs() < 1e-4, "{paired:?}");
+        let alike = Paired::of(&zero, &zero).unwrap();
+        assert_eq!(alike, Paired { part: 0.0, low: 0.0, high: 0.0 });
+        assert_eq!(Paired::of(&[BTreeMap::from([("a", 1.0)])], &zero), None);
     }
 
     /// A seed that failed is in no mean, and in no margin; every table says so.
