@@ -227,13 +227,13 @@ fn one(plan: &Plan, copy: &Copy, surrogate: &str, entries: &str, tools: &Surroun
             .map_err(|e| Error::Internal(format!("report of mode check: {e}: {text}")))?,
     };
     let failed = done.err();
-    let end = End { log: &log, failed: failed.as_ref(), late, seconds: plan.seconds };
+    let decisions = decisions::read(&copy.folder, NAME)?;
+    let end = End { log: &log, failed: failed.as_ref(), late, seconds: plan.seconds, decisions: &decisions };
     let (why, open) = match Verdict::of(&report, &end, &copy.application) {
         Verdict::Fits => (None, false),
         Verdict::No(why) => (Some(why), false),
         Verdict::Open(what) => (Some(what), true),
     };
-    let decisions = decisions::read(&copy.folder, NAME)?;
     let mut notes: Vec<String> =
         decisions::last(&decisions, "handed_back").map(jump_text).into_iter().collect();
     notes.extend(log::warnings(&log).into_iter().map(|w| format!("warning: {w}")));

@@ -135,11 +135,18 @@ impl Report {
         let why = match seen && PER_SCALE * scale < by_run {
             true => format!("the fields change within {} s", number(scale, 3)),
             false if seen => "a hundredth of the run, well within the time in which the fields change".into(),
-            false => format!(
-                "a hundredth of the run; in {} s that were watched no field went to and fro: a tenth to a twentieth of the period is better where \
-                 it is known",
-                number(self.watched, 3)
-            ),
+            false => {
+                let watched = match self.watched > 0.0 {
+                    true => format!(
+                        " in {} s that were watched no field went to and fro:",
+                        number(self.watched, 3)
+                    ),
+                    false => String::new(),
+                };
+                format!(
+                    "a hundredth of the run;{watched} a tenth to a twentieth of the period is better where it is known"
+                )
+            }
         };
         // Without the noise of its last digits
         let interval = short(interval);

@@ -1,6 +1,7 @@
 //! Whether a surrogate fits, by how far its run came and how that ended.
 
 use super::{CALLED, Report};
+use crate::decisions::{Decision, last};
 use crate::user_case::log;
 use m4gn_base::Error;
 
@@ -29,6 +30,7 @@ pub(super) struct End<'a> {
     pub late: bool,
     /// Wall time that it was to take, s.
     pub seconds: u64,
+    pub decisions: &'a [Decision],
 }
 
 impl Verdict {
@@ -80,6 +82,18 @@ impl Verdict {
                     r.steps, r.time
                 ))
             }
+            r if last(end.decisions, "jump_ended").is_some() => Verdict::Open(format!(
+                "no jump was accepted in {} steps of {solver} up to time {}: a stride would have changed a field by more than 3 times the most that \
+                 the solver has in one, as where a flow starts up: give a start at which it has developed",
+                r.steps, r.time
+            )),
+            r if last(end.decisions, "fit").is_some() => Verdict::Open(format!(
+                "there was a fit, but no jump in {} steps of {solver} up to time {}: {}{}",
+                r.steps,
+                r.time,
+                more(2.0 * (end.seconds as f64).max(r.wall)),
+                if r.adjusts { ", or a deltaT nearer to what the time step becomes" } else { "" }
+            )),
             r => Verdict::No(format!(
                 "there was no jump in {} steps of {solver} up to time {}: its fields do not change",
                 r.steps, r.time
@@ -93,7 +107,7 @@ mod tests {
     use super::*;
 
     fn of(report: &Report, log: &str, failed: Option<&Error>, late: bool) -> Verdict {
-        Verdict::of(report, &End { log, failed, late, seconds: 6 }, "icoFoam")
+        Verdict::of(report, &End { log, failed, late, seconds: 6, decisions: &[] }, "icoFoam")
     }
 
     fn no(report: &Report, log: &str) -> String {
@@ -147,5 +161,17 @@ mod tests {
             matches!(of(&grows, "", None, false), Verdict::Open(what) if what.contains("time step grew"))
         );
         assert!(no(&Report { adjusts: true, ..made(99, 0.99) }, "").contains("do not change"));
+        let decided = |event: &str| {
+            let decisions = [serde_json::json!({ "time": 0.5, "event": event })];
+            let end = End { log: "", failed: None, late: false, seconds: 6, decisions: &decisions };
+            match Verdict::of(&Report { adjusts: true, ..made(99, 0.5) }, &end, "icoFoam") {
+                Verdict::Open(what) => what,
+                other => panic!("{other:?}"),
+            }
+        };
+        assert!(decided("jump_ended").ends_with("give a start at which it has developed"));
+        assert!(decided("fit").contains(
+            "there was a fit, but no jump in 99 steps of icoFoam up to time 0.5: give --seconds 18, or"
+        ));
     }
 }

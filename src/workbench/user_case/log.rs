@@ -58,9 +58,19 @@ fn plain(line: &str) -> &str {
     }
 }
 
+/// The lines as one text: a full stop where a line that ends without one is followed by a new sentence or by the file's name.
 fn joined(lines: &[&str]) -> String {
-    let lines: Vec<&str> = lines.iter().copied().filter(|l| !l.is_empty()).collect();
-    let text = lines.join(" ");
+    let mut text = String::new();
+    for line in lines.iter().filter(|l| !l.is_empty()) {
+        let begins = line.starts_with("file: ")
+            || line.starts_with(|c: char| c.is_ascii_uppercase())
+                && line[1..].starts_with(|c: char| c.is_ascii_lowercase());
+        if begins && text.ends_with(|c: char| !c.is_ascii_punctuation() || c == ')') {
+            text.push('.');
+        }
+        text += if text.is_empty() { "" } else { " " };
+        text += line;
+    }
     match text.char_indices().nth(LONGEST) {
         Some((end, _)) => format!("{} ...", &text[..end]),
         None => text,
@@ -78,7 +88,7 @@ mod tests {
         let text = "The dmd surrogate cannot hand states over: there are several phases";
         assert_eq!(fatal(refused), Some((text.to_string(), true)));
         let own = "--> FOAM FATAL IO ERROR: \ncannot find file\n\nfile: 0/U at line 0.\n\n    From virtual readStream\n    in file r.C\n";
-        assert_eq!(fatal(own), Some(("cannot find file file: 0/U at line 0.".to_string(), false)));
+        assert_eq!(fatal(own), Some(("cannot find file. file: 0/U at line 0.".to_string(), false)));
         let failed = Error::file("log.icoFoam", "icoFoam failed (exit status: 1)");
         assert_eq!(words(refused, &failed), text);
         assert_eq!(words("Time = 3", &failed), "icoFoam failed (exit status: 1)");
@@ -89,7 +99,7 @@ mod tests {
         let log = "--> FOAM FATAL ERROR: \nFunction object m4gnCheck of type m4gnSurrogate: the mesh has moved, and a surrogate has one mesh\n    \
                    Remove the function object, or run on a fixed mesh\n\n    From void Foam::m4gn::refuseMotion()\n    in file m4gnCaseChecks.C\n";
         let (text, ours) = fatal(log).unwrap();
-        assert!(ours && text.contains("the mesh has moved") && text.ends_with("a fixed mesh"), "{text}");
+        assert!(ours && text.contains("one mesh. Remove the") && text.ends_with("a fixed mesh"), "{text}");
     }
 
     #[test]
