@@ -77,7 +77,9 @@ Foam::dictionary Foam::m4gnCheck::jumping() const
 void Foam::m4gnCheck::setInterval(dictionary& dict) const
 {
     if (m4gnHybridRun::has(dict, "dmd")) {
-        dict.subDict("dmd").set("snapshotInterval", mesh_.time().deltaTValue());
+        // As a token: a number that becomes text has six digits, which may be less than the step
+        const token step(mesh_.time().deltaTValue());
+        dict.subDict("dmd").set(new primitiveEntry("snapshotInterval", step));
     }
 }
 
