@@ -18,16 +18,22 @@ fn bending(kind: Kind, across: usize, poisson: f64) -> [f64; 2] {
     [0, 1].map(|i| found.eigenvalues[i].sqrt() / (2.0 * PI) / exact)
 }
 
+/// What is said of a fine beam whose frequencies are not those of Euler and Bernoulli.
+fn far(kind: Kind, poisson: f64, ratios: [f64; 2]) -> Option<String> {
+    let bound = if poisson > 0.4 { 0.02 } else { 0.015 };
+    let is_far = ratios.iter().any(|r| (r - 1.0).abs() > bound);
+    is_far.then(|| format!("{kind:?}, nu {poisson}: {ratios:?}, expected 1 +- {bound}"))
+}
+
+/// Of the kinds that do not follow below.
 #[test]
 fn a_clamped_beam_bends_at_the_frequency_of_euler_and_bernoulli_in_both_directions() {
     let mut failures = Vec::new();
-    for kind in Kind::ALL {
-        for (poisson, bound) in [(0.3, 0.015), (0.4, 0.02), (0.49, 0.02)] {
+    for kind in [Kind::Tetrahedra, Kind::Pyramids, Kind::Polyhedra] {
+        for poisson in [0.3, 0.49] {
             let ratios = bending(kind, 4, poisson);
             println!("{kind:?} {poisson}: {ratios:?}");
-            if ratios.iter().any(|r| (r - 1.0).abs() > bound) {
-                failures.push(format!("{kind:?}, nu {poisson}: {ratios:?}, expected 1 +- {bound}"));
-            }
+            failures.extend(far(kind, poisson, ratios));
         }
     }
     assert!(failures.is_empty(), "{failures:#?}");
@@ -42,6 +48,7 @@ fn a_clamped_beam_converges_under_refinement() {
     for kind in [Kind::Hexahedra, Kind::WedgesAlong, Kind::WedgesAcross] {
         for (poisson, limit) in limits {
             let ratios = [1, 2, 4].map(|across| bending(kind, across, poisson));
+            failures.extend(far(kind, poisson, ratios[2]).filter(|_| poisson > 0.0));
             for direction in [0, 1] {
                 let errors = ratios.map(|r| (r[direction] - limit).abs());
                 let order = (errors[0] / errors[2]).log2() / 2.0;

@@ -198,7 +198,7 @@ fn indefinite_pairs_are_refused_at_any_size() {
 /// Equal parts that are not joined: each eigenvalue as often as there are parts, in any numbering.
 #[test]
 fn eigenvalues_that_are_repeated_often_are_whole() {
-    for (parts, points, wanted) in [(5, 30, 1), (60, 20, 6), (100, 12, 6), (9, 40, 20), (200, 8, 6)] {
+    for (parts, points, wanted) in [(5, 30, 1), (60, 20, 6), (9, 40, 20), (200, 8, 6)] {
         let n = parts * points;
         let chain = bands(points, [-1.0, 2.0, -1.0], &[1.0]);
         // Row i of the whole is row `place(i)` of the parts one after the other.
