@@ -3,7 +3,8 @@
 # packages that compute for long. What is tested from outside (libraries, the command) is as it ships. Cargo keeps no account of a wrapper,
 # so that tests that are compiled already stay as they are.
 case " $* " in
-    *" --test "*)
+    # The second two: programs of their own that run on several ranks
+    *" --test "* | *tests/mpi_*.rs\ * | *tests/odds/main.rs\ *)
         case $CARGO_PKG_NAME in
             m4gn-engine | m4gn-modes | m4gn-averages) ;;
             *) set -- "$@" -C opt-level=0 ;;
