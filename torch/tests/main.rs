@@ -1,0 +1,5 @@
+//! The networks on libtorch against the engine, and trainings on libtorch.
+
+mod gradients;
+mod parity;
+mod training;
