@@ -33,6 +33,7 @@ fields() { # TYPE of the ends
 mesh cyclic '' ''
 fields cyclic
 
+control endTime 0.02
 record
 file=postProcessing/test/0/trajectory.h5
 content $file
@@ -47,6 +48,8 @@ for cut in '2 1 1' '1 2 1'; do
     content $file | diff ../serial.info - || fail "cut $cut: two ranks recorded something else than one"
 done
 
+# To just behind the jump, from 0.02 to 0.04
+control endTime 0.042
 ride "mode replace; $small solverSteps 10; surrogateSteps 2;"
 keep serial 0.04
 for cut in '2 1 1' '1 2 1'; do
