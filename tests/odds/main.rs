@@ -90,9 +90,9 @@ fn driver() -> ExitCode {
         let kills = chosen.clone().flat_map(|c| of(&c, false).map(move |kind| (ranks, vec![*c], *kind)));
         jobs.extend(std::iter::once((ranks, odd, "odds")).chain(kills).filter(|(_, c, _)| !c.is_empty()));
     }
-    // The longest first; a start of mpirun is more waiting than work
+    // The longest first; a start of mpirun is more waiting than work, so that each core has two
     jobs.sort_by_key(|(_, _, kind)| *kind != "odds");
-    let at_once = std::thread::available_parallelism().map_or(1, usize::from);
+    let at_once = 2 * std::thread::available_parallelism().map_or(1, usize::from);
     let (mut passed, mut failed) = (0, 0);
     for some in jobs.chunks(at_once) {
         let ended: Vec<_> = std::thread::scope(|scope| {
