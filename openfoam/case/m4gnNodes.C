@@ -15,11 +15,30 @@
 #include "surfaceFields.H"
 #include "surfaceInterpolationScheme.H"
 #include "syncTools.H"
+#include <cmath>
 
 static_assert(
     sizeof(Foam::scalar) == sizeof(double) && sizeof(Foam::vector) == 3 * sizeof(double)
         && sizeof(Foam::label) == sizeof(int32_t),
     "m4gn needs an OpenFOAM with double precision and 32-bit labels");
+
+Foam::FixedList<int32_t, 7> Foam::m4gnNodes::values::exponents(const word& name) const
+{
+    FixedList<int32_t, 7> integers(0);
+
+    for (int i = 0; i < dimensionSet::nDimensions; ++i) {
+        const scalar exponent = dimensions[dimensionSet::dimensionType(i)];
+
+        integers[i] = int32_t(std::lround(exponent));
+
+        if (mag(exponent - integers[i]) > 1e-10) {
+            FatalErrorInFunction << "Field " << name << " has the dimensions " << dimensions
+                                 << ", and m4gn handles only whole exponents" << exit(FatalError);
+        }
+    }
+
+    return integers;
+}
 
 std::vector<int64_t> Foam::m4gnNodes::places(const labelList& mine)
 {

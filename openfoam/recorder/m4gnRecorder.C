@@ -8,6 +8,7 @@
 #include "m4gnElasticModes.H"
 #include "m4gnHandOver.H"
 #include "m4gnMechanicalProperties.H"
+#include "m4gnOwnFields.H"
 #include "m4gnActiveSurrogate.H"
 #include "m4gnCaseChecks.H"
 #include "OSspecific.H"
@@ -42,7 +43,7 @@ void Foam::functionObjects::m4gnRecorder::start()
     checkSource();
 
     nodes_ = m4gnNodes::New(mesh_, dict_);
-    fields_.reset(new m4gnFieldSet(mesh_, fieldNames_));
+    values_.resize(fieldNames_.size());
 
     const string why(m4gn::notHandedOver(
         mesh_, dict_.getOrDefault<word>("U", "U"), dict_.getOrDefault<word>("p", "p"),
@@ -55,11 +56,12 @@ void Foam::functionObjects::m4gnRecorder::start()
 
 void Foam::functionObjects::m4gnRecorder::open()
 {
-    std::vector<m4gn_field_info> recorded(fields_->size(), m4gn_field_info{});
-    for (label i = 0; i < fields_->size(); ++i) {
-        recorded[i].name = fields_->name(i).c_str();
-        recorded[i].components = fields_->components(i);
-        std::copy(fields_->dimensions(i).begin(), fields_->dimensions(i).end(), recorded[i].dimensions);
+    std::vector<m4gn_field_info> recorded(values_.size(), m4gn_field_info{});
+    forAll(fieldNames_, i) {
+        const FixedList<int32_t, 7> exponents(values_[i].exponents(fieldNames_[i]));
+        recorded[i].name = fieldNames_[i].c_str();
+        recorded[i].components = values_[i].components;
+        std::copy(exponents.begin(), exponents.end(), recorded[i].dimensions);
     }
 
     path_ = file_;
@@ -261,13 +263,25 @@ bool Foam::functionObjects::m4gnRecorder::write()
         start();
     }
 
-    fields_->gather(*nodes_);
+    std::vector<const double*> cells, boundary;
+    forAll(fieldNames_, i) {
+        const word& name = fieldNames_[i];
+        m4gnOwnFields::provide(mesh_, name);
+        if (!nodes_->gather(name, values_[i])) {
+            FatalErrorInFunction << "Field " << name << " is neither registered with"
+                                 << " the solver nor stored at time " << time_.timeName() << " as a "
+                                 << nodes_->fieldTypes().c_str() << '.' << nl
+                                 << "    Registered: " << nodes_->registered().c_str() << exit(FatalError);
+        }
+        cells.push_back(values_[i].cells);
+        boundary.push_back(values_[i].boundary.cdata());
+    }
     if (!recorder_) {
         open();
     }
 
     m4gn::check(
-        m4gn_recorder_append(recorder_, time_.value(), fields_->cells().data(), fields_->boundary().data()),
+        m4gn_recorder_append(recorder_, time_.value(), cells.data(), boundary.data()),
         "m4gnRecorder cannot record a frame");
 
     lastTime_ = time_.value();

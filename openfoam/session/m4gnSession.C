@@ -74,22 +74,21 @@ void Foam::m4gnSession::checkFields()
     for (const m4gn_field_info& info : infos) {
         const word name(info.name, false);
 
-        if (!m4gnFieldSet::registered(mesh_, *nodes_, name)) {
+        m4gnOwnFields::provide(mesh_, name);
+        if (!nodes_->registered(name)) {
             FatalErrorInFunction << "The model " << model_.file() << " is for the field " << name
                                  << ", which this solver has not registered." << nl
                                  << "    Registered: " << nodes_->registered().c_str() << exit(FatalError);
         }
 
-        m4gnFieldSet field(mesh_, wordList(1, name));
-        field.gather(*nodes_);
+        m4gnNodes::values field;
+        nodes_->gather(name, field);
+        const FixedList<int32_t, 7> exponents(field.exponents(name));
 
-        const label found = field.components(0);
-        const FixedList<int32_t, 7>& exponents = field.dimensions(0);
-
-        if (info.components != found) {
+        if (info.components != field.components) {
             FatalErrorInFunction << "The model " << model_.file() << " is for " << name << " with "
-                                 << label(info.components) << " components; this solver's has " << found
-                                 << exit(FatalError);
+                                 << label(info.components) << " components; this solver's has "
+                                 << field.components << exit(FatalError);
         }
 
         if (!std::equal(exponents.begin(), exponents.end(), info.dimensions)) {
