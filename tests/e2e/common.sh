@@ -525,11 +525,10 @@ below() {
     echo "$3: $1"
 }
 
-# make_oracle: a libm4gn.so whose surrogate is always right, in front of the real one (oracle.c).
+# make_oracle: a surrogate that is always right, in front of libm4gn.so (oracle.c).
 make_oracle() {
-    mkdir -p "$work/lib"
     # Most of its functions have parameters that say nothing to a recording
-    cc -std=c11 -O2 -Wall -Wextra -Wno-unused-parameter -Werror -shared -fPIC -I "$M4GN_HOME/cpp/include" -Wl,-soname,libm4gn.so \
-        "$M4GN_HOME/tests/e2e/oracle.c" -o "$work/lib/libm4gn.so" -lm -ldl
-    export LD_LIBRARY_PATH=$work/lib:$LD_LIBRARY_PATH ORACLE_FILE=$work/oracle.bin ORACLE_LIBRARY=$M4GN_HOME/lib/libm4gn.so
+    cc -std=c11 -O2 -Wall -Wextra -Wno-unused-parameter -Werror -shared -fPIC -I "$M4GN_HOME/cpp/include" \
+        "$M4GN_HOME/tests/e2e/oracle.c" -o "$work/oracle.so" -lm -ldl
+    export LD_PRELOAD=$work/oracle.so ORACLE_FILE=$work/oracle.bin
 }

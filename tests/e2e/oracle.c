@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
  *
- * A libm4gn.so whose surrogate is always right: it records a run in memory order to $ORACLE_FILE and, as a model of the
- * fields that were recorded, gives the frame $ORACLE_FRAMES later back, with a smooth error of $ORACLE_ERROR in the
+ * A surrogate that is always right, in front of libm4gn.so (LD_PRELOAD): it records a run in memory order to $ORACLE_FILE
+ * and, as a model of the fields that were recorded, gives the frame $ORACLE_FRAMES later back, with a smooth error of $ORACLE_ERROR in the
  * first two components of the first field, and a rough one of $ORACLE_ROUGH, relative to the largest value of a field, in the
  * first two components of all. Each rank has a file of its own. With it, what is left of an error after a jump is that of the
- * hand-over alone. It rides in the real library, $ORACLE_LIBRARY.
+ * hand-over alone. What is not defined here is the library's own, the ride among it.
  */
+#define _GNU_SOURCE
 #include "m4gn.h"
 
 #include <dlfcn.h>
@@ -46,11 +47,22 @@ static FILE* recording(const char* mode)
     return recording_of(variable("OMPI_COMM_WORLD_RANK", ""), mode);
 }
 
-int32_t m4gn_abi_version(void) { return M4GN_ABI_VERSION; }
-const char* m4gn_version(void) { return "oracle"; }
-const char* m4gn_last_error(void) { return message; }
+/* The library's function of this name */
+static void* real(const char* name)
+{
+    void* found = dlsym(RTLD_NEXT, name);
+    if (!found)
+    {
+        fprintf(stderr, "oracle: %s: %s\n", name, dlerror());
+        exit(1);
+    }
+    return found;
+}
 
-void m4gn_finalize(void) {}
+const char* m4gn_last_error(void)
+{
+    return *message ? message : ((const char* (*)(void))real("m4gn_last_error"))();
+}
 
 /* ---- recorder ---- */
 
@@ -128,10 +140,6 @@ int32_t m4gn_solid_modes_new(
 void m4gn_modes_free(m4gn_modes* modes) {}
 int32_t m4gn_modes_count(const m4gn_modes* modes) { return 0; }
 int32_t m4gn_modes_eigenvalues(const m4gn_modes* modes, double* values) { return M4GN_OK; }
-int32_t m4gn_modes_vector(const m4gn_modes* modes, int32_t index, double* vector)
-{
-    return M4GN_ERROR_INPUT;
-}
 /* The model is the recording: nothing of a file is read. */
 int32_t m4gn_model_open(int32_t comm, const char* path, m4gn_model** model)
 {
@@ -309,11 +317,8 @@ static int32_t step(void* data, const double* const* state, double* const* next)
             nearest = f;
         }
     }
-    if (nearest + ahead >= s->n_frames)
-    {
-        message = "the recording ends before";
-        return M4GN_ERROR_NUMERICAL;
-    }
+    /* The recording ends before */
+    if (nearest + ahead >= s->n_frames) return M4GN_ERROR_NUMERICAL;
 
     for (int32_t i = 0; i < n_fields; ++i)
     {
@@ -338,28 +343,6 @@ static int32_t step(void* data, const double* const* state, double* const* next)
 }
 
 /* ---- ride ---- */
-
-static void* real(const char* name)
-{
-    static void* library = NULL;
-    if (!library) library = dlopen(variable("ORACLE_LIBRARY", "lib/libm4gn.so"), RTLD_NOW | RTLD_LOCAL);
-    void* found = library ? dlsym(library, name) : NULL;
-    if (!found)
-    {
-        fprintf(stderr, "oracle: %s: %s\n", name, dlerror());
-        exit(1);
-    }
-    return found;
-}
-
-/* A call of the real library, with its message */
-#define FORWARD(name, types, arguments)                                 \
-    int32_t name types                                                             \
-    {                                                                              \
-        const int32_t status = ((int32_t(*) types)real(#name))arguments;           \
-        if (status != M4GN_OK) message = ((const char* (*)(void))real("m4gn_last_error"))(); \
-        return status;                                                             \
-    }
 
 int32_t m4gn_ride_new(
     int32_t comm, const m4gn_host* host, const char* options, const m4gn_ride_step* start, m4gn_ride** ride)
@@ -387,39 +370,5 @@ int32_t m4gn_ride_new(
     found.own = &own;
     int32_t (*begin)(int32_t, const m4gn_host*, const char*, const m4gn_ride_step*, m4gn_ride**) =
         (int32_t(*)(int32_t, const m4gn_host*, const char*, const m4gn_ride_step*, m4gn_ride**))real("m4gn_ride_new");
-    const int32_t status = begin(s->comm, &found, options, start, ride);
-    if (status != M4GN_OK) message = ((const char* (*)(void))real("m4gn_last_error"))();
-    return status;
-}
-
-void m4gn_ride_free(m4gn_ride* ride) { ((void (*)(m4gn_ride*))real("m4gn_ride_free"))(ride); }
-FORWARD(m4gn_ride_wants, (const m4gn_ride* ride, const m4gn_ride_step* now, int32_t* wants), (ride, now, wants))
-FORWARD(m4gn_ride_solved,
-    (m4gn_ride * ride, const m4gn_ride_step* now, const double* const* state, m4gn_ride_answer* answer),
-    (ride, now, state, answer))
-FORWARD(m4gn_ride_stride, (m4gn_ride * ride, double* const* next, m4gn_ride_answer* answer), (ride, next, answer))
-FORWARD(m4gn_ride_advanced,
-    (m4gn_ride * ride, const m4gn_ride_step* now, const double* const* state, m4gn_ride_answer* answer),
-    (ride, now, state, answer))
-FORWARD(m4gn_ride_old_level, (const m4gn_ride* ride, double before, double* const* arrays), (ride, before, arrays))
-FORWARD(m4gn_ride_reported, (m4gn_ride * ride, const double* values, int32_t n_values), (ride, values, n_values))
-FORWARD(m4gn_ride_conditions, (m4gn_ride * ride, const char* conditions), (ride, conditions))
-FORWARD(m4gn_ride_spent, (m4gn_ride * ride, double surrogate, double hand_over), (ride, surrogate, hand_over))
-FORWARD(m4gn_ride_handed_back,
-    (m4gn_ride * ride, const m4gn_ride_step* now, const double* const* state, const m4gn_ride_quantity* quantities,
-        int32_t n_quantities, m4gn_ride_answer* answer),
-    (ride, now, state, quantities, n_quantities, answer))
-FORWARD(m4gn_ride_save, (m4gn_ride * ride, const char* path), (ride, path))
-FORWARD(m4gn_ride_load,
-    (m4gn_ride * ride, const char* path, const m4gn_ride_step* now, const double* const* state, m4gn_ride_answer* answer),
-    (ride, path, now, state, answer))
-FORWARD(m4gn_ride_host, (const char* path, char* text, int32_t size), (path, text, size))
-FORWARD(m4gn_ride_wave, (const m4gn_ride* ride, int32_t surrogate, int32_t wave, int32_t part, int32_t array, double* values),
-    (ride, surrogate, wave, part, array, values))
-FORWARD(m4gn_ride_difference, (const m4gn_ride* ride, int32_t surrogate, int32_t array, double* values),
-    (ride, surrogate, array, values))
-
-const char* m4gn_ride_text(m4gn_ride* ride, int32_t kind)
-{
-    return ((const char* (*)(m4gn_ride*, int32_t))real("m4gn_ride_text"))(ride, kind);
+    return begin(s->comm, &found, options, start, ride);
 }

@@ -9,9 +9,8 @@
 needs_solids4foam
 # shellcheck source=tests/e2e/_solids4foam-tutorial.sh
 . "$M4GN_HOME/tests/e2e/_solids4foam-tutorial.sh"
-real=$LD_LIBRARY_PATH
 make_oracle
-oracle=$LD_LIBRARY_PATH
+oracle=$LD_PRELOAD
 
 # same FOLDER: every file of the times there is as it was, besides what m4gn writes
 same() {
@@ -26,7 +25,7 @@ same() {
 
 while read -r tutorial cells steps ahead limit text; do
     what=$tutorial
-    export LD_LIBRARY_PATH=$real
+    export LD_PRELOAD=
     rm -rf "$work/case" && cd "$work"
     solids4foam_tutorial "$tutorial" "$steps" case "${cells#own}"
     runs solids4Foam
@@ -42,7 +41,7 @@ while read -r tutorial cells steps ahead limit text; do
 
     # Solved ahead, and recorded for the oracle
     clean_case
-    export LD_LIBRARY_PATH=$oracle
+    export LD_PRELOAD=$oracle
     ORACLE_STRIDE=$(calc "2*$step")
     export ORACLE_STRIDE ORACLE_FRAMES=2
     function_object m4gnRecorder 'fields (D); writeControl timeStep; writeInterval 1;'
