@@ -2,7 +2,6 @@
 # solids4foam's own tutorials, plain and with m4gnAnderson by turns: correctors, the difference of D after the last step over its largest value, and
 # the time with m4gnAnderson over that without (processor time, user and system). Needs solids4foam (setup/solids4foam.sh SOURCE).
 #   bench/anderson.sh FOLDER [--repeats N] [--only PATTERN]    medians of N (3) runs (docs/lab/2026-11-solids.md)
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/../tests/e2e/common.sh"
 needs_solids4foam
 # shellcheck source=tests/e2e/_solids4foam-tutorial.sh

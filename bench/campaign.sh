@@ -3,7 +3,6 @@
 # "auto", the usual one, with every sixth run made again cold and plain and to the end; "dmd", as auto with the dmd surrogate.
 #   bench/campaign.sh FOLDER speeds|cavity|square|channel [RUNS [COLUMN...]]    (docs/lab/2026-11-campaign.md)
 # The same command goes on where one was ended.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/../tests/e2e/common.sh"
 trap 'rm -rf "$work"' EXIT
 cd "$OLDPWD"

@@ -3,7 +3,6 @@
 # whole run over the segregated solver's, and over that of the fastest plain solver with no larger error; errors of D, stress and force at the clamp.
 #   bench/solids.sh FOLDER [--newton FOLDER] [--only PATTERN]    docs/lab/2026-11-solids.md
 # --newton: a solids4foam with Newton-Krylov (setup/solids4foam.sh SOURCE FOLDER; ~/.cache/m4gn/solids4foam-snes). A command that was stopped goes on.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/../tests/e2e/common.sh"
 needs_solids4foam
 

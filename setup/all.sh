@@ -2,7 +2,6 @@
 # The whole set-up and build, quick when there is nothing to do.
 #   setup/all.sh [core|all]    core: what runs (no libtorch, no Python); all (default): also training
 set -euo pipefail
-# shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 what=${1:-all}

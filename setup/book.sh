@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # Renders docs/ as web pages: setup/book.sh [FOLDER]    (target/book)
 set -euo pipefail
-# shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 folder=$(realpath -m "${1:-$M4GN_HOME/target/book}")
 # Debian's Python, which has Debian's Sphinx: one of the user's own may come before it in PATH

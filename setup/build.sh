@@ -2,7 +2,6 @@
 # Builds m4gn and puts the libraries into lib/.
 #   setup/build.sh [core|all]    core: m4gn, the OpenFOAM bridge, the function objects; all (default): also libtorch's part
 set -euo pipefail
-# shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 # shellcheck source=setup/cargo-cache.sh
 . "$M4GN_HOME/setup/cargo-cache.sh"

@@ -3,7 +3,6 @@
 #   setup/debian.sh [core|all|solids4foam|package]    core: build and run; all (default): also what fetches libtorch, and what the
 #                                             tests need; solids4foam: what that is built with; package: what setup/package.sh needs
 set -euo pipefail
-# shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 packages=(

@@ -2,7 +2,6 @@
 # Fetches libtorch (CPU) into the cache, from the PyPI wheel that has it. Only training and the full tests need it.
 # A libtorch of your own is used instead where LIBTORCH names its folder.
 set -euo pipefail
-# shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 downloads=$M4GN_CACHE/wheels

@@ -4,7 +4,6 @@
 #   setup/openfoam-source.sh              the headers
 #   setup/openfoam-source.sh tutorials    some tutorials of the same version: prints their folder
 set -euo pipefail
-# shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 # The mirrors that this machine's own apt uses, then Debian's.

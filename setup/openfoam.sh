@@ -5,7 +5,6 @@
 # M4GN_FOAM_INCLUDES is separated by ':', M4GN_FOAM_DEFINES by ' ' and without -D.
 # shellcheck disable=SC2034  # M4GN_FOAM_* are printed by name at the end
 set -euo pipefail
-# shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 tried=()

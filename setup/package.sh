@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # Makes Debian packages of what setup/build.sh has built: setup/package.sh [FOLDER]    (target/package)
 set -euo pipefail
-# shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 # Folders of packages are for all users
 umask 022

@@ -2,7 +2,6 @@
 # Makes the Python environment in which the solid data sets are computed (tools/m4gn_solids), in the cache.
 #   setup/solids.sh    quick when there is nothing to do
 set -euo pipefail
-# shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 requirements=$M4GN_HOME/tools/m4gn_solids/requirements.txt

@@ -5,7 +5,6 @@
 #   setup/solids4foam.sh                    m4gn's own library alone, for the solids4foam that was built before
 # Prints what to set; tests and tutorials find the default FOLDER by themselves. Left out: fluids and their interaction with solids, thermal solids, plates; before v2012 solidContact.
 set -euo pipefail
-# shellcheck source=setup/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 models=src/solids4FoamModels

@@ -3,7 +3,6 @@
 # solids4foam is no part of this project: setup/solids4foam.sh puts it into the cache, and
 #   SOLIDS4FOAM_INST_DIR   names another folder that holds solids4Foam and libsolids4FoamModels.so, in it or in its bin/ and lib/
 # Laws of solids4foam need lib/libm4gnSolids4Foam.so, which the same script makes.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 needs_solids4foam
 [ -f "$M4GN_HOME/lib/libm4gnSolids4Foam.so" ] || skip "there is no lib/libm4gnSolids4Foam.so (setup/solids4foam.sh makes it)"

@@ -1,6 +1,5 @@
 #!/usr/bin/env bash
 # The function object m4gnPredictor, without libm4gn.so: less work, the same answer.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
 # The accelerators load where there is no core

@@ -3,7 +3,6 @@
 # m4gnAverages: a run in a pulsating flow ends when the mean and the rms of the drag are known, with figures that a longer run's lie within;
 # it carries on from any write time, after a kill too, and not from series that are damaged; two ranks end as one; errors are told by entry; a steady
 # solver's values that settle are known. dmd.sh has the means of a run with a surrogate.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case endTime 2.5 writeInterval 0.25
 set_entries system/fvSolution tolerance 1e-7 relTol 0.05

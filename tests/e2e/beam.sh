@@ -1,6 +1,5 @@
 #!/usr/bin/env bash
 # The beam tutorial with the shipped model, the first 0.88 s of it: close to the solver alone, the same on two ranks, compared.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 cp -r "$M4GN_HOME/openfoam/templates/vibrating-beam" full

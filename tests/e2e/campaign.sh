@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # m4gn campaign: a cavity from init to report with the stock solver; killed in the middle; two at once; a full disk; a run that diverges; an edited
 # case; starts from sisters, scaled and mapped, while they pay; for Dakota; on two ranks.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 # cavity FOLDER: a driven cavity without a mesh, whose lid speed and number of cells are parameters once its files are told so

@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # Method m4gn with what decomposeParDict may ask for besides: processor weights, weight fields, cyclic patches, and
 # constraints, which hold as with any method.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 # A channel of 40 x 12 cells, cyclic from left to right, empty in z. Cell 40 j + i is in column i.

@@ -2,7 +2,6 @@
 # A solver that adjusts its time step, from a cautious first one, with the dmd surrogate: times are written where the plain solver writes them,
 # function objects see the solver's own steps in jumps, what an object behind the surrogate solves for loses nothing, and a run that
 # is carried on has its fit.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 mkdir -p case/{0,constant,system} && cd case
 control_dict pimpleFoam 29.4 0.0001 adjustableRunTime 0.7 12

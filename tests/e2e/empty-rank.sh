@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # A rank without cells, as a decomposition by hand or redistributePar may leave one: recording, observing and replacing work, and the
 # answer is that of one rank.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
 record='record { type m4gnRecorder; libs (m4gnFoam); fields (U p); file "trajectory.h5"; }'

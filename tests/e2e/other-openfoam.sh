@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # The function objects and the bridge compile against the headers of another OpenFOAM than this machine's: M4GN_OTHER_OPENFOAM is the
 # folder of its source, with src, wmake and META-INFO in it. Takes some minutes.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 [ -n "${M4GN_OTHER_OPENFOAM:-}" ] || skip "M4GN_OTHER_OPENFOAM does not name the source of another OpenFOAM"
 [ -f "$M4GN_OTHER_OPENFOAM/META-INFO/api-info" ] || fail "$M4GN_OTHER_OPENFOAM has no META-INFO/api-info"

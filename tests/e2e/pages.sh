@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # Takes minutes.
 # The tutorials of docs/tutorials that need no solids4foam; tests/claims/vibrating-rubber.sh follows the other one.
-# shellcheck source=tests/e2e/_follow.sh
 . "$(dirname "${BASH_SOURCE[0]}")/_follow.sh"
 
 # Behind the first jump of each surrogate

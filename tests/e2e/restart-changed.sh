@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # m4gnSurrogate, a run that is carried on under other conditions, with averages, with fields that the solver makes in its first step, and with
 # what is no field: what was fitted before is dropped where it no longer holds, and what a jump cannot follow is refused by name.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case endTime 1 writeInterval 0.05 writeFormat binary
 set_entries system/fvSolution tolerance 1e-6 relTol 0.05

@@ -2,7 +2,6 @@
 # Takes minutes.
 # m4gnSurrogate, restart: a run that is carried on from a write time, wherever in its schedule that lies, has the bytes of the run that
 # was not interrupted, on one rank and on two; so has a run that is killed again and again.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 RANDOM=7
 make_case case endTime 1.2 writeInterval 0.05 writeFormat binary

@@ -1,6 +1,5 @@
 #!/usr/bin/env bash
 # Solid data sets: the environment by its own script, the Python package's tests, small sets made, resumed, stopped.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 "$M4GN_HOME/setup/solids.sh"

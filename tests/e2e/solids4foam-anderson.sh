@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # Takes minutes.
 # m4gnAnderson: the solver's own answer, with a fraction of its correctors; stopped and carried on too
-# shellcheck source=tests/e2e/_solids4foam.sh
 . "$(dirname "${BASH_SOURCE[0]}")/_solids4foam.sh"
 make_oracle
 

@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # Takes minutes.
 # Fitted to the run's own states: after a fit most of a free vibration is not solved, and the solver carries on as in the run without
-# shellcheck source=tests/e2e/_solids4foam.sh
 . "$(dirname "${BASH_SOURCE[0]}")/_solids4foam.sh"
 
 control endTime 0.6 deltaT 0.002 writeInterval 50

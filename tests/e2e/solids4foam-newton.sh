@@ -2,7 +2,6 @@
 # Takes minutes.
 # Newton-Krylov of solids4foam's branch feature-petsc-snes as a row of 'm4gn hybrid', with the dmd surrogate beside it, and its refusal
 # where the solver has none.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 needs_solids4foam
 

@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # Takes minutes.
 # Relaxation: what an error has of stiff shapes goes to its equilibrium, and what is right stays; on two ranks as on one
-# shellcheck source=tests/e2e/_solids4foam.sh
 . "$(dirname "${BASH_SOURCE[0]}")/_solids4foam.sh"
 make_oracle
 

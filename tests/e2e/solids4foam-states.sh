@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # Takes minutes.
 # solids4foam's solid models: their own recorded states, handed back after a jump, are carried on from as in the run without one.
-# shellcheck source=tests/e2e/_solids4foam.sh
 . "$(dirname "${BASH_SOURCE[0]}")/_solids4foam.sh"
 make_oracle
 

@@ -4,7 +4,6 @@
 # mode replace goes on from recorded states or is refused in the first time step, by name, and m4gnAnderson comes to the same
 # answer or leaves all to the solver, and says why. Needs solids4foam as tests/e2e/_solids4foam.sh says, and
 #   SOLIDS4FOAM_DIR        its source, with tutorials/solids and applications/scripts
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 needs_solids4foam
 # shellcheck source=tests/e2e/_solids4foam-tutorial.sh

@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # A solver state from another library that the case loads: found by name, with its own entries; where two kinds apply,
 # the dictionary must say which. And a function object of that library that moves the mesh.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 foam=$("$M4GN_HOME/setup/openfoam.sh" --export)
 eval "$foam"

@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # OpenFOAM's own tutorials, shortened: m4gnRecorder and m4gnSurrogate in mode observe change no byte of what the solver writes; what they
 # cannot do is refused at the start, with its name.
-# shellcheck source=tests/e2e/common.sh
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 tutorials=$("$M4GN_HOME/setup/openfoam-source.sh" tutorials) || skip "OpenFOAM's tutorials could not be downloaded"
 
