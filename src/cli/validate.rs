@@ -14,7 +14,8 @@ use std::sync::atomic::Ordering;
 /// RMSE-1: one step of the model's stride from every frame at that stride; RMSE-50: the rollout over its first 50 recorded
 /// frames (or --horizon), printed with its time; RMSE-all: over the whole trajectory. Persistence holds the recorded
 /// frame one stride before, extrapolation is the line through the two frames before, dmd a decomposition that is fitted to the frames before (single steps
-/// alone: a rollout has no history to be fitted to), hold first the first frame. Of a body at points
+/// alone: a rollout has no history to be fitted to), hold first the first frame. Where the data end in a
+/// cycle, phase-free is the error of the last step but for a shift in time. Of a body at points
 /// also the paper's mesh metrics and the worst gap to the obstacle.
 #[derive(Debug, clap::Args)]
 pub struct Args {

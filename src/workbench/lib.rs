@@ -12,7 +12,7 @@
 //! | [`study`] | networks on data sets, compared | [`study::run`] |
 //! | [`bench`] | what a step costs | [`bench::Workload`], [`bench::Trial`] |
 //!
-//! They share [`errors`] of fields, [`signal`] (statistics), limit cycles, digests of inputs, and [`foam_case`], OpenFOAM's cases.
+//! They share [`errors`] of fields, [`signal`] (statistics), limit cycles and distances from them, digests of inputs, and [`foam_case`], OpenFOAM's cases.
 
 pub mod bench;
 pub mod calibrate;
@@ -28,6 +28,7 @@ mod foam_bridge;
 pub mod foam_case;
 pub mod generate;
 pub mod hybrid;
+mod phase;
 pub mod predict;
 pub mod signal;
 pub mod study;

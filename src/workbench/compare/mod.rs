@@ -14,21 +14,21 @@ pub mod log;
 mod mapping;
 pub mod motion;
 mod pairing;
-mod phase;
 pub mod reaction;
 mod report;
 mod series;
 pub mod surrogate;
 mod tables;
 
+pub use crate::phase::PhaseFree;
 pub use cost::Cost;
-pub use phase::PhaseFree;
 pub use series::Statistics;
 pub(crate) use series::change;
 pub use tables::Probe;
 
 use crate::errors::{FieldErrors, Track};
 use crate::foam_case::{Description, FoamCase, Patch};
+use crate::phase::{Orbit, PERIODS};
 use forces::{Forces, Reference};
 use m4gn_base::{Error, Result, listed};
 use m4gn_report::Snapshot;
@@ -218,11 +218,11 @@ pub fn compare(
     };
     let phase_free = match (period.map(|frequency| 1.0 / frequency), pairs.last()) {
         (Some(period), Some(&(_, last))) => {
-            let from = times.partition_point(|t| *t < times[times.len() - 1] - phase::PERIODS * period);
+            let from = times.partition_point(|t| *t < times[times.len() - 1] - PERIODS * period);
             let of_a = pairs[from..].iter().map(|p| values(a, (name, p.0), &Mapping::Same, &directions));
             let fields = of_a.collect::<Result<Vec<_>>>()?;
             let found = values(b, (name, last), &mapping, &directions)?;
-            phase::nearest(&times[from..], &fields, &found, period)
+            Orbit::new(&times[from..], fields, period).map(|orbit| orbit.nearest(&found))
         }
         _ => None,
     };

@@ -103,6 +103,7 @@ fn hold_first(scene: &Scene) -> Result<Prediction> {
     let quality = (1..=scene.pace().steps).map(|frame| scene.quality(scene.truth(0, 0), frame));
     Ok(Prediction {
         quality: quality.collect::<Result<Option<Vec<_>>>>()?,
+        phase_free: scene.phase_free(scene.truth(0, 0)),
         ..row(scene, ("hold_first", "hold first"), &last, &first)
     })
 }

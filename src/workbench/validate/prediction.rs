@@ -48,6 +48,9 @@ pub struct Prediction {
     pub quality: Option<Vec<Quality>>,
     /// Smallest gap to the obstacle at the rollout's steps, mean edges; empty where nothing may touch.
     pub gap: Vec<f64>,
+    /// Error of the headline field at the rollout's end, but for a shift in time: its distance from the cycle that the recorded frames end
+    /// in, at whatever phase. None where they end in none; infinite where the rollout became non-finite.
+    pub phase_free: Option<f64>,
     /// Largest value of the headline field (of a vector: length) in the rollout over the largest recorded one; infinite
     /// where it became non-finite. Of models.
     pub largest: Option<f64>,

@@ -2,6 +2,7 @@
 
 use super::prediction::{FieldErrors, Keep, Prediction};
 use super::{pace::Pace, shape::Shape};
+use crate::phase::Orbit;
 use m4gn_base::{Error, Result};
 use m4gn_data::{Frame, Trajectory};
 use m4gn_domain::Boundary;
@@ -12,8 +13,8 @@ use m4gn_model::{FieldSpec, Level, Model, Output};
 use m4gn_parallel::Comm;
 use m4gn_step::{Field, FieldMut, Session, SessionOptions};
 use m4gn_train::errors::SquaredError;
-use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 use std::time::Instant;
 
 /// What a step is given beside the fields.
@@ -56,6 +57,8 @@ pub struct Scene<'a> {
     /// Where the level of a predicted pressure is read, which its flow does not know: recorded frames are without it, and so are predicted ones.
     level: Level,
     shape: Option<Shape<'a>>,
+    /// The cycle that the recorded frames of the headline field end in, where they do; found when it is asked for.
+    orbit: OnceLock<Option<Orbit>>,
 }
 
 /// The predicted fields, the headline first: `U`, or else the first vector, or else the first one.
@@ -107,6 +110,7 @@ impl<'a> Scene<'a> {
             motion: motion.into_iter().map(wide).collect(),
             level: Level::new(mesh, &Comm::serial()),
             shape: Shape::new(trajectory),
+            orbit: OnceLock::new(),
         })
     }
 
@@ -175,17 +179,30 @@ impl<'a> Scene<'a> {
 
     /// Error of predicted field `k` over the nodes that count and the solved components.
     pub fn error(&self, k: usize, found: &[f64], frame: usize) -> SquaredError {
+        SquaredError::between(&self.that_count(k, found), &self.that_count(k, self.truth(k, frame)))
+    }
+
+    /// Values of predicted field `k` at the nodes that count, in the solved components.
+    fn that_count(&self, k: usize, values: &[f64]) -> Vec<f64> {
         let track = &self.tracks[k];
-        let row = |p: usize| track.width * p..track.width * (p + 1);
-        let free = self.shape.as_ref().map_or(track.free.as_ref(), |s| Some(&s.free));
-        let [found, truth] = [found, self.truth(k, frame)].map(|v| match free {
-            Some(free) => Cow::Owned(free.iter().flat_map(|&p| &v[row(p)]).copied().collect()),
-            None => Cow::Borrowed(v),
-        });
-        match track.spec.vector {
-            true => SquaredError::of_solved(&found, &truth, self.mesh.dim()),
-            false => SquaredError::between(&found, &truth),
+        let components: &[usize] = if track.spec.vector { &self.mesh.directions } else { &[0] };
+        let row = |p: usize| components.iter().map(move |&d| values[track.width * p + d]);
+        match self.shape.as_ref().map_or(track.free.as_ref(), |s| Some(&s.free)) {
+            Some(free) => free.iter().flat_map(|&p| row(p)).collect(),
+            None => (0..values.len() / track.width).flat_map(row).collect(),
         }
+    }
+
+    /// How far a state of the headline field is from the cycle that the recorded frames end in, at whatever phase: root mean square over
+    /// the nodes that count. None: they end in none.
+    pub(super) fn phase_free(&self, found: &[f64]) -> Option<f64> {
+        let of_frames = || {
+            let stride = self.pace.interval * self.pace.frames as f64;
+            let times: Vec<f64> = (0..=self.pace.steps).map(|i| stride * i as f64).collect();
+            Orbit::of_run(&times, &|i| self.that_count(0, self.truth(0, i)))
+        };
+        let orbit = self.orbit.get_or_init(of_frames).as_ref()?;
+        Some(orbit.nearest(&self.that_count(0, found)).error)
     }
 
     /// RMSE of the headline field in `kept` states, by the step that they are behind, over the nodes of each segment (the data of the
@@ -291,11 +308,17 @@ impl<'a> Scene<'a> {
                 all.push(quality);
             }
             p.gap.extend(self.gap(headline, i + 1)?);
+            if i + 1 == steps {
+                p.phase_free = self.phase_free(headline);
+            }
             if keep.takes(i + 1, steps) {
                 p.kept.insert(i + 1, headline.clone());
             }
             progress()
         })?;
+        if p.diverged.is_some() {
+            p.phase_free = self.phase_free(self.truth(0, steps)).map(|_| f64::INFINITY);
+        }
         p.seconds.0 += seconds.0;
         p.seconds.1 += seconds.1;
         let recorded = (0..=steps).map(|i| self.largest(self.truth(0, i))).fold(0.0, f64::max);

@@ -10,11 +10,15 @@ use m4gn_train::errors::Figures;
 use serde_json::{Map, Value, json};
 
 fn figures_cells(f: Figures) -> [String; 3] {
-    [f.rmse_1, f.rmse_50, f.rmse_all].map(|v| match v.is_finite() {
+    [f.rmse_1, f.rmse_50, f.rmse_all].map(error_cell)
+}
+
+fn error_cell(v: f64) -> String {
+    match v.is_finite() {
         true => number(v, 3),
         false if v.is_nan() => "-".into(),
         false => "not finite".into(),
-    })
+    }
 }
 
 /// A way to predict, and what it scores.
@@ -30,6 +34,8 @@ pub struct Row {
     pub quality: Option<Quality>,
     /// Smallest gap of the rollout, mean edges.
     pub gap: Option<f64>,
+    /// Error of the headline field at the rollout's end but for a shift in time; the mean over the trajectories that end in a cycle.
+    pub phase_free: Option<f64>,
     /// Largest value of the headline field over the largest recorded one.
     pub largest: Option<f64>,
     /// Wall seconds of all steps, and their number.
@@ -50,6 +56,7 @@ impl Row {
                 Some(_) => Quality::of(|_| f64::INFINITY),
             }),
             gap: smallest(&p.gap),
+            phase_free: p.phase_free,
             largest: p.largest,
             seconds: p.seconds,
         }
@@ -59,6 +66,8 @@ impl Row {
     fn merged(all: &[&Row]) -> Self {
         let rows = || all.iter();
         let quality: Option<Vec<Quality>> = rows().map(|r| r.quality).collect();
+        let phase_free: Vec<f64> = rows().filter_map(|r| r.phase_free).collect();
+        let mean = || phase_free.iter().sum::<f64>() / phase_free.len() as f64;
         let seconds = rows().fold((0.0, 0), |(s, n), r| (s + r.seconds.0, n + r.seconds.1));
         Row {
             figures: (0..all[0].figures.len())
@@ -66,6 +75,7 @@ impl Row {
                 .collect(),
             quality: quality.map(|q| Quality::mean(&q)),
             gap: rows().filter_map(|r| r.gap).reduce(f64::min),
+            phase_free: (!phase_free.is_empty()).then(mean),
             largest: rows().filter_map(|r| r.largest).reduce(f64::max),
             seconds,
             ..all[0].clone()
@@ -82,8 +92,12 @@ impl Row {
         // What is not finite is null
         let mut row = object(json!(self.figures[0]));
         row.extend(object(json!(self.quality)));
-        let others =
-            [("worst_gap", self.gap), ("largest_ratio", self.largest), ("ms_per_step", self.step_ms())];
+        let others = [
+            ("phase_free", self.phase_free),
+            ("worst_gap", self.gap),
+            ("largest_ratio", self.largest),
+            ("ms_per_step", self.step_ms()),
+        ];
         row.extend(others.into_iter().filter_map(|(key, v)| Some((key.to_string(), json!(v?)))));
         Value::Object(row)
     }
@@ -158,6 +172,8 @@ impl Summary {
             ];
             let has_quality = k == 0 && self.rows.iter().any(|r| r.quality.is_some());
             let has_gap = k == 0 && self.rows.iter().any(|r| r.gap.is_some());
+            let has_cycle = k == 0 && self.rows.iter().any(|r| r.phase_free.is_some());
+            columns.extend(has_cycle.then(|| format!("phase-free [{unit}]")));
             if has_quality {
                 columns.extend(["GFh [m]", "GFc [m2]", "MC", "AR"].map(String::from));
             }
@@ -166,6 +182,9 @@ impl Summary {
             for row in &self.rows {
                 let mut cells = vec![row.name.to_string()];
                 cells.extend(figures_cells(row.figures[k]));
+                if has_cycle {
+                    cells.push(row.phase_free.map_or(String::new(), error_cell));
+                }
                 if has_quality {
                     let quality = row.quality.map(|q| [q.gf_h, q.gf_c, q.mc, q.ar]);
                     cells.extend(quality.map_or([const { String::new() }; 4], |q| q.map(|v| number(v, 3))));

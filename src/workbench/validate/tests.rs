@@ -112,6 +112,27 @@ fn rmse_50_is_fifty_recorded_frames_whatever_the_stride() {
     assert!(head(&[1.0, 0.05]).contains("RMSE-50 (0.0500 to 1.00 s) [m/s]"), "{}", head(&[1.0, 0.05]));
 }
 
+/// Of three trajectories two end in a cycle, and on one of them a rollout became non-finite.
+#[test]
+fn errors_but_for_phase_are_of_the_trajectories_that_have_cycles() {
+    let of = |[model, hold]: [Option<f64>; 2]| {
+        let mut one = case(Split::Test, PACE, 0.5, &[1.0; 3], &[2.0; 3]);
+        (one.predictions[0].phase_free, one.predictions[2].phase_free) = (model, hold);
+        one
+    };
+    let mut cases = [of([Some(0.1), Some(0.5)]), of([None, None]), of([Some(0.3), Some(0.7)])];
+    let figures = json(&cases);
+    assert!((figures["model"]["phase_free"].as_f64().unwrap() - 0.2).abs() < 1e-12, "{figures}");
+    assert!((figures["hold_first"]["phase_free"].as_f64().unwrap() - 0.6).abs() < 1e-12, "{figures}");
+    assert!(figures["cases"][1]["model"].get("phase_free").is_none());
+    let text = |cases: &[Case]| summaries(cases)[0].tables()[0].to_string();
+    assert!(text(&cases).contains("phase-free [m/s]"), "{}", text(&cases));
+    assert!(!text(&cases[1..2]).contains("phase-free"), "{}", text(&cases[1..2]));
+    cases[0].predictions[0].phase_free = Some(f64::INFINITY);
+    assert!(json(&cases)["model"]["phase_free"].is_null());
+    assert!(text(&cases).contains("not finite"), "{}", text(&cases));
+}
+
 #[test]
 fn other_predicted_fields_have_figures_too() {
     let mut one = case(Split::Test, PACE, 0.5, &[1.0, 7.0, 4.0], &[2.0; 3]);
@@ -176,6 +197,8 @@ fn the_truth_has_no_error() {
     assert_eq!(quality, Quality { mc_predicted: quality.mc_predicted, ..Quality::default() });
     assert_eq!(rows[0].gap, case.data_gap.iter().copied().reduce(f64::min));
     assert_eq!(rows[0].largest, Some(1.0));
+    // Four frames are no cycle
+    assert_eq!(rows[0].phase_free, None);
     // Holding is worse the longer it is held
     let row = |key: &str| rows.iter().find(|r| r.key == key).unwrap();
     assert!(row("persistence").figures[0].rmse_all < row("hold_first").figures[0].rmse_all);
