@@ -63,6 +63,8 @@ pub struct Case {
     pub times: Vec<f64>,
     /// The model's, then the predictions that know nothing.
     pub predictions: Vec<Prediction>,
+    /// By how much the data vary in the second half of the steps, over their root mean square.
+    pub variation: f64,
     /// Smallest gap of the data at the steps' ends, mean edges; empty where nothing may touch.
     pub data_gap: Vec<f64>,
     /// Processor time of the solver that made the data, s a frame, where it was recorded.
@@ -96,6 +98,7 @@ impl Case {
             fields: names.map(|f| (f.name.clone(), f.unit())).collect(),
             times: times(trajectory.times(), pace),
             predictions,
+            variation: scene.variation(),
             data_gap: scene.data_gap()?,
             solver: seconds_a_frame(trajectory),
             node_segment: Vec::new(),

@@ -193,6 +193,23 @@ impl<'a> Scene<'a> {
         }
     }
 
+    /// By how much the recorded headline field varies behind its start-up: root mean square over the second half of the steps of what differs
+    /// from the mean over them, over that of the field; 0 of a field that is 0.
+    pub(super) fn variation(&self) -> f64 {
+        let late = || {
+            (self.pace.steps.div_ceil(2)..=self.pace.steps).map(move |i| self.that_count(0, self.truth(0, i)))
+        };
+        let (mut sums, mut squares, mut n) = (Vec::<f64>::new(), 0.0f64, 0.0f64);
+        for field in late() {
+            sums.resize(field.len(), 0.0);
+            sums.iter_mut().zip(&field).for_each(|(s, v)| *s += v);
+            squares += field.iter().map(|v| v * v).sum::<f64>();
+            n += 1.0;
+        }
+        let apart = |field: Vec<f64>| field.iter().zip(&sums).map(|(v, s)| (v - s / n).powi(2)).sum::<f64>();
+        if squares > 0.0 { (late().map(apart).sum::<f64>() / squares).sqrt() } else { 0.0 }
+    }
+
     /// How far a state of the headline field is from the cycle that the recorded frames end in, at whatever phase: root mean square over
     /// the nodes that count. None: they end in none.
     pub(super) fn phase_free(&self, found: &[f64]) -> Option<f64> {

@@ -21,6 +21,9 @@ fn error_cell(v: f64) -> String {
     }
 }
 
+/// Data that vary by less than this part of their root mean square hardly move: on them who holds the first frame is right.
+const MOVES: f64 = 0.02;
+
 /// A way to predict, and what it scores.
 #[derive(Clone, Debug)]
 pub struct Row {
@@ -130,6 +133,10 @@ pub struct Summary {
     pub data_gap: Option<f64>,
     /// Trajectories with a rollout that became non-finite.
     pub diverged: usize,
+    /// Names of the trajectories whose data hardly move.
+    pub still: Vec<String>,
+    /// The rows of the others; empty where all are of one sort.
+    pub moving: Vec<Row>,
     /// Mean processor time of the data's solver over one stride, ms, where it was recorded.
     pub solver_ms: Option<f64>,
     /// Times that RMSE-50 covers, s: the shortest and the longest of the trajectories.
@@ -140,7 +147,14 @@ impl Summary {
     fn of(name: &'static str, cases: &[&Case]) -> Option<Self> {
         let first = cases.first()?;
         let tables: Vec<Vec<Row>> = cases.iter().map(|c| c.rows()).collect();
-        let merged = |i| Row::merged(&tables.iter().map(|t| &t[i]).collect::<Vec<_>>());
+        let over = |tables: &[&Vec<Row>]| -> Vec<Row> {
+            let rows = 0..tables.first().map_or(0, |t| t.len());
+            rows.map(|i| Row::merged(&tables.iter().map(|t| &t[i]).collect::<Vec<_>>())).collect()
+        };
+        let (moving, still): (Vec<_>, Vec<_>) =
+            tables.iter().zip(cases).partition(|(_, case)| case.variation >= MOVES);
+        let moving: Vec<&Vec<Row>> = moving.into_iter().map(|(table, _)| table).collect();
+        let file = |case: &Case| case.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let solver = cases.iter().map(|c| Some(1e3 * c.solver? * c.pace.frames as f64));
         let solver: Option<Vec<f64>> = solver.collect();
         let horizons = cases.iter().map(|c| c.horizon);
@@ -148,7 +162,9 @@ impl Summary {
             name,
             count: cases.len(),
             fields: first.fields.clone(),
-            rows: (0..tables[0].len()).map(merged).collect(),
+            rows: over(&tables.iter().collect::<Vec<_>>()),
+            moving: if still.is_empty() { Vec::new() } else { over(&moving) },
+            still: still.iter().map(|(_, case)| file(case)).collect(),
             data_gap: cases.iter().filter_map(|c| smallest(&c.data_gap)).reduce(f64::min),
             diverged: cases.iter().filter(|c| c.diverged().is_some()).count(),
             solver_ms: solver.map(|s| s.iter().sum::<f64>() / s.len() as f64),
@@ -220,6 +236,15 @@ impl Summary {
                 n => format!(". {n} trajectories with a rollout that became non-finite"),
             };
         }
+        if !self.still.is_empty() {
+            let (still, percent) = (listed(&self.still), 100.0 * MOVES);
+            text += &format!(". Data that vary by less than {percent} % in their second half: {still}");
+            let of = |r: &Row| format!("{} ({})", error_cell(r.figures[0].rmse_all), r.name);
+            let chosen = self.moving.iter().filter(|r| ["model", "hold_first"].contains(&r.key)).map(of);
+            if !self.moving.is_empty() {
+                text += &format!("; RMSE-all without them: {}", listed(chosen));
+            }
+        }
         if let Some(gap) = self.data_gap {
             text += &format!(". Worst gap of the data {gap:+.4} cells");
         }
@@ -238,6 +263,7 @@ impl Summary {
             "rmse_50_seconds": self.horizon[1],
             "worst_gap_data": self.data_gap,
             "diverged": self.diverged,
+            "still": self.still,
             "solver_ms_per_step": self.solver_ms,
             "solver_ratio": self.ratio(),
         });
@@ -305,6 +331,7 @@ pub fn json(cases: &[Case]) -> Value {
             "diameter": c.diameter,
             "horizon": c.horizon,
             "diverged": c.diverged(),
+            "variation": c.variation,
             "outside": c.outside,
         });
         if !c.node_segment.is_empty() {

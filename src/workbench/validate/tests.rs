@@ -46,6 +46,7 @@ fn case(split: Split, pace: Pace, single: f64, rollout: &[f64], hold: &[f64]) ->
             prediction("persistence", &twice, &twice),
             prediction("hold_first", &twice, hold),
         ],
+        variation: 0.2,
         data_gap: Vec::new(),
         solver: None,
         node_segment: Vec::new(),
@@ -131,6 +132,29 @@ fn errors_but_for_phase_are_of_the_trajectories_that_have_cycles() {
     cases[0].predictions[0].phase_free = Some(f64::INFINITY);
     assert!(json(&cases)["model"]["phase_free"].is_null());
     assert!(text(&cases).contains("not finite"), "{}", text(&cases));
+}
+
+/// A flow that has come to rest is named, and the others are told without it.
+#[test]
+fn flows_that_hardly_move_are_named() {
+    let of = |name: &str, variation, hold: &[f64]| Case {
+        path: format!("data/{name}.h5").into(),
+        variation,
+        ..case(Split::Test, PACE, 0.5, &[3.0; 3], hold)
+    };
+    let mut cases = vec![of("a", 0.1, &[4.0; 3]), of("b", 0.01, &[1.0; 3]), of("c", 0.3, &[6.0; 3])];
+    let line = |cases: &[Case]| summaries(cases)[0].line();
+    let text = line(&cases);
+    let expected = "Data that vary by less than 2 % in their second half: b.h5; RMSE-all without them: 3.00 (model), 5.00 (hold_first)";
+    assert!(text.contains(expected), "{text}");
+    let figures = json(&cases);
+    assert_eq!(
+        (&figures["still"], &figures["cases"][1]["variation"]),
+        (&serde_json::json!(["b.h5"]), &serde_json::json!(0.01))
+    );
+    assert!(line(&cases[1..2]).ends_with("in their second half: b.h5"), "{}", line(&cases[1..2]));
+    cases.remove(1);
+    assert!(!line(&cases).contains("vary by less"), "{}", line(&cases));
 }
 
 #[test]
