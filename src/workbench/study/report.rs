@@ -21,8 +21,9 @@ const BASELINES: [(&str, &str); 4] = [
 /// Horizons of the paper's tables.
 const HORIZONS: [(&str, &str); 3] = [("rmse_1", "RMSE-1"), ("rmse_50", "RMSE-50"), ("rmse_all", "RMSE-all")];
 
-/// Mesh metrics of bodies (appendix C.2).
-const SHAPES: [(&str, &str); 4] = [("gf_h", "GFh"), ("gf_c", "GFc"), ("mc", "MC"), ("ar", "AR")];
+/// What not all data have: cycles, and the mesh metrics of bodies (appendix C.2).
+const OF_SOME: [(&str, &str); 5] =
+    [("phase_free", "phase-free"), ("gf_h", "GFh"), ("gf_c", "GFc"), ("mc", "MC"), ("ar", "AR")];
 
 impl Cell {
     /// Its figures in a line.
@@ -303,11 +304,11 @@ fn section(
     let all = || rows.iter().filter(|r| r.count.is_none()).flat_map(|r| r.own.iter().map(|(_, f)| *f));
     let none = Value::Null;
     let first = all().next().unwrap_or(&none);
-    let shapes = SHAPES.into_iter().filter(|(key, _)| all().any(|f| f["model"][*key].is_number()));
-    let columns: Vec<(&str, &str)> = HORIZONS.into_iter().chain(TRAJECTORIES).chain(shapes).collect();
+    let of_some = OF_SOME.into_iter().filter(|(key, _)| all().any(|f| f["hold_first"][*key].is_number()));
+    let columns: Vec<(&str, &str)> = HORIZONS.into_iter().chain(TRAJECTORIES).chain(of_some).collect();
     let unit = first["unit"].as_str().unwrap_or_default();
     let mut table = Table::new(["network", "seeds", "weights", "training, min", "ms a step"]);
-    let has_unit = |key: &str| key.starts_with("rmse") || TRAJECTORIES.iter().any(|t| t.0 == key);
+    let has_unit = |key: &str| !OF_SOME[1..].iter().any(|c| c.0 == key);
     let header = |(key, name): &(&str, &str)| {
         if has_unit(key) { format!("{name} [{unit}]") } else { name.to_string() }
     };
@@ -464,6 +465,23 @@ mod tests {
         let alike = Paired::of(&zero, &zero).unwrap();
         assert_eq!(alike, Paired { part: 0.0, low: 0.0, high: 0.0 });
         assert_eq!(Paired::of(&[BTreeMap::from([("a", 1.0)])], &zero), None);
+    }
+
+    /// Of data that end in cycles; a rollout that became non-finite is far from any.
+    #[test]
+    fn errors_but_for_phase_have_a_column_where_the_data_have_cycles() {
+        let mut cells = [cell("M4GN", 1, json!(0.2)), cell("GCN", 1, Value::Null)];
+        let header = |cells: &[Cell]| Report::new(&plan("[1]"), cells, &[]).text();
+        assert!(!header(&cells).contains("phase-free"), "{}", header(&cells));
+        for (cell, of_model) in cells.iter_mut().zip([json!(0.125), Value::Null]) {
+            cell.tests[0].2["model"]["phase_free"] = of_model;
+            cell.tests[0].2["hold_first"] = json!({ "rmse_all": 0.5, "phase_free": 0.75 });
+        }
+        let text = header(&cells);
+        assert!(text.contains("phase-free [m/s]"), "{text}");
+        let row = |name: &str| text.lines().find(|line| line.trim_start().starts_with(name)).unwrap();
+        assert!(row("M4GN").contains("0.125") && row("hold first").contains("0.750"), "{text}");
+        assert!(row("GCN").matches("not finite").count() == 4, "{text}");
     }
 
     /// A seed that failed is in no mean, and in no margin; every table says so.
