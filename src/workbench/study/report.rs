@@ -342,6 +342,16 @@ fn section(
             note += &format!(" Trajectory by trajectory the margin is {part} % (95 %: {low} to {high} %).");
         }
     }
+    // Who does not beat the first frame has learned nothing that a rollout can use.
+    let held = figure(first, "hold_first", "rmse_all");
+    let above = |row: &&Row| {
+        let own = row.spread(|_, f| figure(f, "model", "rmse_all"));
+        own.zip(held).is_some_and(|(own, held)| own.mean >= held)
+    };
+    let worse: Vec<String> = rows.iter().filter(above).map(Row::name).collect();
+    if !worse.is_empty() {
+        note += &format!(" RMSE-all not below that of holding the first frame: {}.", listed(worse));
+    }
     for f in failures.iter().filter(|f| f.data == data.name) {
         // In a line
         let error: Vec<&str> = f.error.split_whitespace().collect();
@@ -408,6 +418,20 @@ mod tests {
             "title = 't'\nsteps = 9\nseeds = {seeds}\n[[data]]\nname = 'flow'\ntrain = 'd'\nconfig = 'c'\n[[network]]\nname = 'M4GN'\n[[network]]\nname = 'GCN'\n[[network]]\nname = 'MGN'\n",
         ))
         .unwrap()
+    }
+
+    #[test]
+    fn networks_that_do_not_beat_the_first_frame_are_named() {
+        let of = |held: f64| {
+            let mut cells =
+                [cell("M4GN", 1, json!(0.2)), cell("GCN", 1, json!(0.5)), cell("MGN", 1, Value::Null)];
+            cells.iter_mut().for_each(|c| c.tests[0].2["hold_first"] = json!({ "rmse_all": held }));
+            Report::new(&plan("[1]"), &cells, &[]).text()
+        };
+        let expected = "RMSE-all not below that of holding the first frame: GCN, MGN.";
+        assert!(of(0.4).contains(expected), "{}", of(0.4));
+        let mgn_alone = "RMSE-all not below that of holding the first frame: MGN.";
+        assert!(of(0.6).contains(mgn_alone), "{}", of(0.6));
     }
 
     #[test]
