@@ -52,6 +52,8 @@ fn two_cells_on_paper() {
     assert_eq!((&json["k"], &json["edge_cut_ratio"]), (&2.into(), &1.0.into()), "{json}");
     assert_eq!((&json["conductance"], &json["silhouette"]), (&1.0.into(), &0.0.into()), "{json}");
     assert!(text.contains("m4gnSegment, m4gnMode1 in "), "{text}");
+    // As many segments as cells: there is nothing to move
+    assert!(text.contains("\n0 % of the cells are not where METIS had put them\n"), "{text}");
     assert_eq!(names(&case.join("0")), ["U", "m4gnMode1", "m4gnSegment", "m4gnSegmentDict", "p"]);
     let field = fs::read_to_string(case.join("0/m4gnSegment")).unwrap();
     assert!(

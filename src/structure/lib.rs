@@ -65,6 +65,8 @@ pub struct Segmentation {
     /// Cells that each SLIC sweep moved, over all ranks: its length is the number of sweeps, and it ends with 0 if
     /// they converged. Empty for METIS alone and for labels that were handed in.
     pub sweeps: Vec<usize>,
+    /// Cells that are not in the segment that METIS had put them in, over all ranks; 0 for labels that were handed in.
+    pub moved: usize,
     /// Cells that were given to another segment so that every segment is connected, over all ranks.
     pub reassigned: usize,
     /// Positional encoding `[K x n_position_features]`: random walk, then the centroid from the domain's centre over the
@@ -167,7 +169,8 @@ fn compute(
         None => Ok(Vec::new()),
     };
     let first = comm.agree(first)?;
-    let mut labels = Root::hand_out(root.as_ref(), &first, 1, comm);
+    let by_metis = Root::hand_out(root.as_ref(), &first, 1, comm);
+    let mut labels = by_metis.clone();
     let mut sweeps = Vec::new();
     if needs_modes(spec, total)
         && let Some(modes) = modes
@@ -184,8 +187,10 @@ fn compute(
     }
     comm.broadcast(&mut reassigned);
     drop(root);
+    let moved = comm.total(labels.iter().zip(&by_metis).filter(|(a, b)| a != b).count()) as usize;
     Ok(Segmentation {
         sweeps,
+        moved,
         reassigned: reassigned[0] as usize,
         ..overlap::complete(mesh, graph, spec, comm, labels)?
     })

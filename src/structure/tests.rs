@@ -96,6 +96,19 @@ fn extremes_have_an_answer() {
     assert!(matches!(cut(&two, &spec(3, 6), None), Err(Error::Input(_))));
 }
 
+#[test]
+fn cells_that_left_metis_segments_are_counted() {
+    let mesh = sample::triangles(16, 6, 1.6, 0.6);
+    let of = |method| {
+        let spec = SegmentSpec { method, count: 12, modes: 3, ..Default::default() };
+        cut(&mesh, &spec, None).unwrap()
+    };
+    let (metis, slic) = (of(SegmentMethod::Metis), of(SegmentMethod::Slic));
+    let apart = (0..mesh.n_cells()).filter(|&c| metis.node_segment[c] != slic.node_segment[c]).count();
+    assert!(apart > 0);
+    assert_eq!((metis.moved, slic.moved), (0, apart));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
     #[test]

@@ -54,7 +54,8 @@ fn one(checks: &mut Checks, name: &str, mesh: &Mesh, ranks: &[i32], spec: &Segme
     };
     compare_segments(checks, &name, &part, mesh, &found, &expected);
     checks.that(
-        found.sweeps == expected.sweeps && found.reassigned == expected.reassigned,
+        (&found.sweeps, found.moved, found.reassigned)
+            == (&expected.sweeps, expected.moved, expected.reassigned),
         format!("{name}: the way to the answer"),
     );
     checks.that(

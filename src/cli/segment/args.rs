@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// Cut the mesh of a case or a trajectory into segments, and say how good they are
 ///
 /// Prints the eigenvalues of the modes, conductance (lower is better), edge-cut ratio (lower) and silhouette (higher) of the
-/// segments, sweeps, time and memory.
+/// segments, sweeps, the share of cells that they moved off METIS's segments, time and memory.
 ///
 /// Segments and modes are written for ParaView and for later runs: in a case as the fields m4gnSegment and m4gnMode1,
 /// m4gnMode2, ... in the folder of its start time, where m4gnSurrogate finds them; for a trajectory as points with values

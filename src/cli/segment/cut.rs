@@ -115,6 +115,10 @@ impl Cut {
             "{}, {} segments of {smallest} to {largest} cells in {}: conductance {:.4}, edge cut {:.4}, silhouette {:.4}\n",
             self.spec.method, self.spec.count, self.cost[1], q.conductance, q.edge_cut_ratio, q.silhouette
         );
+        if self.spec.method.uses_modes() {
+            let share = 100.0 * self.segmentation.moved as f64 / cells as f64;
+            text += &format!("{} % of the cells are not where METIS had put them\n", number(share, 2));
+        }
         if q.silhouette_cells < cells {
             text += &format!("the silhouette is the mean over {} of {cells} cells\n", q.silhouette_cells);
         }
@@ -140,6 +144,7 @@ impl Cut {
             "silhouette_cells": self.quality.silhouette_cells,
             "sweeps": self.segmentation.sweeps.len(),
             "converged": self.converged(),
+            "moved": self.segmentation.moved,
             "reassigned": self.segmentation.reassigned,
             "smallest": smallest,
             "largest": largest,

@@ -83,6 +83,7 @@ fn a_chain_on_paper() {
     assert_eq!((&json["smallest"], &json["largest"], &json["sweeps"]), (&2.into(), &2.into(), &0.into()));
     assert_eq!((&json["eigenvalues"], &json["converged"]), (&serde_json::json!([]), &true.into()));
     assert!(cut.text().starts_with("metis, 2 segments of 2 to 2 cells in "), "{}", cut.text());
+    assert!(!cut.text().contains("METIS had put"), "{}", cut.text());
 }
 
 /// The first two of three modes, each with a displacement in two directions.

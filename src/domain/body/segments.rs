@@ -47,7 +47,12 @@ pub fn segment(
             let refined = segments::segment_by_modes(&part.mesh, &mut with_obstacle, &settings, &own, comm)?;
             let cells = &refined.node_segment[..bare.n_cells()];
             let whole = segments::segment(&bare, &mut graph, &settings, &NoModes, comm, Some(cells))?;
-            Segmentation { sweeps: refined.sweeps, reassigned: refined.reassigned, ..whole }
+            Segmentation {
+                sweeps: refined.sweeps,
+                moved: refined.moved,
+                reassigned: refined.reassigned,
+                ..whole
+            }
         }
         None => segments::segment(&bare, &mut graph, &settings, &NoModes, comm, None)?,
     };
