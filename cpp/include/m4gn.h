@@ -99,8 +99,8 @@ void m4gn_finalize(void);
  *                              which the paper's algorithm does not do
  *   distance_scale  null       Length over which the distance to the obstacle is taken; 0: off, distances in metres as in the
  *                              paper [m]; null: S
- *   scaled_modes    true       Whether modes enter as S times themselves, in place of as they are, beside positions in metres
- *                              (the paper)
+ *   mode_scale      null       What modes of root mean square 1 are multiplied by, beside positions in metres: 1/sqrt(N) gives
+ *                              them unit length on N cells [m]; null: S
  *   margin          0.00001    By how much of S a centroid must be nearer to take a cell away, so that ties of symmetric meshes
  *                              stay where they are; 0 is the paper's algorithm
  *   obstacles       []         What is the obstacle: patches, or pieces of walls by the names that logs and m4gn segment have

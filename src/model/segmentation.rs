@@ -70,10 +70,6 @@ const WAY: &str = "modal_solver";
 /// Default of [`SegmentSpec::margin`].
 const MARGIN: f64 = 1e-5;
 
-fn is_true(value: &bool) -> bool {
-    *value
-}
-
 fn is_default_margin(value: &f64) -> bool {
     *value == MARGIN
 }
@@ -107,10 +103,10 @@ m4gn_base::settings! {
         /// Length over which the distance to the obstacle is taken; 0: off, distances in metres as in the paper.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub distance_scale: Option<f64> [m] = None, "S";
-        // So a change of a mode by its root mean square counts as one cluster size.
-        /// Whether modes enter as S times themselves, in place of as they are, beside positions in metres (the paper).
-        #[serde(skip_serializing_if = "is_true")]
-        pub scaled_modes: bool = true;
+        // With S a change of a mode by its root mean square counts as one cluster size. The paper does not say the norm of its modes.
+        /// What modes of root mean square 1 are multiplied by, beside positions in metres: 1/sqrt(N) gives them unit length on N cells.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub mode_scale: Option<f64> [m] = None, "S";
         /// By how much of S a centroid must be nearer to take a cell away, so that ties of symmetric meshes stay where they are; 0 is
         /// the paper's algorithm.
         #[serde(skip_serializing_if = "is_default_margin")]
@@ -190,6 +186,11 @@ impl SegmentSpec {
             && !(size.is_finite() && size > 0.0)
         {
             return bad("size", "a positive length in m", size);
+        }
+        if let Some(scale) = self.mode_scale
+            && !(scale.is_finite() && scale >= 0.0)
+        {
+            return bad("mode_scale", "a length in m, or 0 for no modes", scale);
         }
         match self.distance_scale {
             Some(l) if !(l.is_finite() && l >= 0.0) => {
@@ -316,7 +317,7 @@ mod tests {
     #[test]
     fn each_wrong_value_is_named() {
         type Change = fn(&mut SegmentSpec);
-        let broken: [(&str, Change); 8] = [
+        let broken: [(&str, Change); 9] = [
             ("count", |s| s.count = 0),
             ("iterations", |s| s.iterations = 1 << 40),
             ("tau", |s| s.tau = -1.0),
@@ -325,6 +326,7 @@ mod tests {
             ("margin", |s| s.margin = f64::NAN),
             ("size", |s| s.size = Some(0.0)),
             ("distance_scale", |s| s.distance_scale = Some(-1.0)),
+            ("mode_scale", |s| s.mode_scale = Some(-1.0)),
         ];
         assert!(SegmentSpec::default().check().is_ok());
         for (name, change) in broken {

@@ -76,7 +76,7 @@ fn entries(spec: &SegmentSpec) -> Map<String, Value> {
     // It is added to the labels afterwards.
     all.remove("overlap");
     if !spec.method.uses_modes() {
-        for key in ["modes", "operator", "tau", "size", "iterations", "scaled_modes", "margin"] {
+        for key in ["modes", "operator", "tau", "size", "iterations", "mode_scale", "margin"] {
             all.remove(key);
         }
     }
@@ -99,7 +99,7 @@ fn equal(a: &Value, b: &Value) -> bool {
 fn dictionary_name(key: &str) -> &str {
     match key {
         "distance_scale" => "distanceScale",
-        "scaled_modes" => "scaledModes",
+        "mode_scale" => "modeScale",
         _ => key,
     }
 }

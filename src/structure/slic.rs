@@ -37,8 +37,8 @@ struct Features {
 /// Moves cells between the `spec.count` segments of `labels`, one of each of this rank's cells, whose numbers by place are `number`, until none moves or the sweeps are used
 /// up; returns the labels, and how many cells of all ranks each sweep moved. Collective.
 ///
-/// A mode enters as S phi: a change of one root mean square of a mode counts as much as one cluster size; without
-/// `spec.scaled_modes` as phi. A cell goes to the nearest centroid if that is within S (Algorithm 2, line 28) and stays otherwise. A segment that
+/// A mode enters as S phi: a change of one root mean square of a mode counts as much as one cluster size; or as
+/// `spec.mode_scale` phi. A cell goes to the nearest centroid if that is within S (Algorithm 2, line 28) and stays otherwise. A segment that
 /// would lose all its cells keeps the one nearest to its centroid.
 ///
 /// # Errors
@@ -70,7 +70,7 @@ impl Features {
         let extent = Extent::of(mesh, comm);
         let size = spec.size.unwrap_or_else(|| default_size(mesh, &extent, spec.count));
         let obstacle = obstacle::feature(mesh, spec, size, comm)?;
-        let weight = if spec.scaled_modes { size } else { 1.0 };
+        let weight = spec.mode_scale.unwrap_or(size);
         // No sum over all cells may leave the integers.
         let mut largest = [0.0f64];
         for phi in modes.iter().flatten() {

@@ -115,11 +115,11 @@ fn modes_and_margin_as_printed() {
     };
     let size = SegmentSpec { size: Some(4.0), iterations: 1, ..spec(2, 1) };
     // Cell 2: |1.0667 .. |: 1.0667 + 0.333 S from segment 0, 0.9 from segment 1.
-    let found = |scaled_modes, margin| labels(&SegmentSpec { scaled_modes, margin, ..size.clone() });
-    assert_eq!(found(false, 0.0), [0, 0, 1, 1]);
+    let found = |mode_scale, margin| labels(&SegmentSpec { mode_scale, margin, ..size.clone() });
+    assert_eq!(found(Some(1.0), 0.0), [0, 0, 1, 1]);
     // Nearer by 1.0667 + 0.3333 - 0.9 = 0.5 = 0.125 S as printed, by 1.0667 + 1.3333 - 0.9 = 1.5 = 0.375 S with S times the mode.
-    assert_eq!(found(false, 0.124), [0, 0, 1, 1]);
-    assert_eq!(found(false, 0.126), [0, 0, 0, 1]);
-    assert_eq!(found(true, 0.374), [0, 0, 1, 1]);
-    assert_eq!(found(true, 0.376), [0, 0, 0, 1]);
+    assert_eq!(found(Some(1.0), 0.124), [0, 0, 1, 1]);
+    assert_eq!(found(Some(1.0), 0.126), [0, 0, 0, 1]);
+    assert_eq!(found(None, 0.374), [0, 0, 1, 1]);
+    assert_eq!(found(None, 0.376), [0, 0, 0, 1]);
 }
