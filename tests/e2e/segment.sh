@@ -67,6 +67,67 @@ assert struct.unpack("<Q", data[:8])[0] == 4 * n == len(data) - 8
 assert set(struct.unpack(f"<{n}f", data[8:])) == set(range(16))
 PYTHON
 
+# Algorithm 2 in plain Python, from METIS's segments, the modes and the places that are written, and the faces of the case's mesh
+for method in metis slic-md slic-mdodl slic-mdode; do
+    (cd .. && runs m4gn segment case/postProcessing/test/0/trajectory.h5 --segments 16 --method $method --set size=0.2 \
+        --set tau=0.5 --set connected=false --set 'obstacles=["cylinder"]' --vtu $method.vtu)
+done
+python3 - .. constant/polyMesh <<'PYTHON' || fail "the segments are not those of Algorithm 2"
+import base64, math, re, struct, sys, xml.etree.ElementTree as xml
+folder, mesh = sys.argv[1:]
+S, K, tau, margin = 0.2, 16, 0.5, 1e-5
+
+def values(array, kind):
+    data = base64.b64decode(array.text)[8:]
+    return struct.unpack(f"<{len(data) // struct.calcsize(kind)}{kind}", data)
+
+def read(method):
+    piece = xml.parse(f"{folder}/{method}.vtu").getroot().find("UnstructuredGrid/Piece")
+    labels, *modes = (values(a, "f") for a in piece.find("PointData"))
+    x = values(piece.find("Points")[0], "d")
+    return [int(l) for l in labels], modes, list(zip(x[::3], x[1::3]))
+
+def text(name):
+    return open(f"{mesh}/{name}").read()
+
+number = r"[-+.0-9e]+"
+points = [tuple(map(float, p)) for p in re.findall(rf"\(({number}) ({number}) ({number})\)", text("points"))]
+faces = [[int(i) for i in f.split()] for f in re.findall(r"\d+\(([\d ]+)\)", text("faces"))]
+patch = re.search(r"cylinder\s*\{(.*?)\}", text("boundary"), re.S).group(1)
+n, first = (int(re.search(rf"{key}\s+(\d+)", patch).group(1)) for key in ("nFaces", "startFace"))
+middle = lambda face: [sum(points[p][i] for p in face) / len(face) for i in (0, 1)]
+cylinder = [middle(face) for face in faces[first : first + n]]
+
+start, modes, places = read("metis")
+cells = range(len(places))
+distance = [min(math.dist(x, c) for c in cylinder) for x in places]
+guides = {
+    "slic-md": [[] for _ in cells],
+    "slic-mdodl": [[S * math.log(d / S)] for d in distance],
+    "slic-mdode": [[S * math.exp(-d / S)] for d in distance],
+}
+for method, guide in guides.items():
+    f = [guide[i] + [S * phi[i] for phi in modes] for i in cells]
+    labels = start
+    for _ in range(20):
+        members = [[i for i in cells if labels[i] == k] for k in range(K)]
+        assert all(members), method
+        mean = lambda rows, own: [sum(rows[i][c] for i in own) / len(own) for c in range(len(rows[0]))]
+        centroids = [(mean(f, own), mean(places, own)) for own in members]
+        after = []
+        for i in cells:
+            d = [math.dist(f[i], g) + tau * math.dist(places[i], y) for g, y in centroids]
+            near = [v for v in d if v <= S and v < d[labels[i]] - margin * S]
+            after.append(next(k for k in range(K) if d[k] in near and d[k] <= min(near) + margin * S) if near else labels[i])
+        labels, before = after, labels
+        if labels == before:
+            break
+    found = read(method)[0]
+    apart, moved = (sum(a != b for a, b in zip(found, other)) for other in (labels, start))
+    # Modes were written in single precision: a tie may be broken otherwise
+    assert apart <= len(found) / 200 and moved > len(found) / 100, (method, apart, moved, len(found))
+PYTHON
+
 # Somebody without the right to write gets a message, and nothing is left behind
 clean_fields
 rm -f 0/m4gn*
