@@ -23,7 +23,7 @@ cells=$(sed -n 's/.*nCells: *\([0-9]*\).*/\1/p' constant/polyMesh/owner | head -
     header decomposeParDict
     echo 'numberOfSubdomains 3; method manual; manualCoeffs { dataFile "decompositionByHand"; }'
 } > system/decomposeParDict
-for functions in "$record" "$observe" "$replace"; do
+for functions in "$record $observe" "$replace"; do
     echo "$functions" > system/functions
     rm -rf processor*
     runs decomposePar
@@ -38,5 +38,7 @@ below "$(difference 0.06/U ../serial/U)" 1e-5 "difference of U with a rank witho
 # The first rank reads the model: the others may see another disk
 echo "observe { type m4gnSurrogate; libs (m4gnFoam); mode observe; model cylinder-flow.safetensors; }" > system/functions
 rm -rf processor*
+control endTime 0.01
 runs decomposePar
 runs mpirun -np 1 icoFoam -parallel : -np 2 env M4GN_HOME=/nowhere icoFoam -parallel
+expect_log 'm4gn: model .*ready in'
