@@ -6,9 +6,15 @@ make_square case
 
 while read -r model names wall; do
     turbulence "$model" "$wall"
-    plain 0.8 1.2
-    ride 'mode replace; surrogates (dmd); timeStart 0.6; dmd { snapshotInterval 0.005; minSnapshots 24; jumpTolerance 0.05; fitTolerance 0.05; }'
-    replaces 0.15 "$model"
+    plain 0.4 0.8 1.2
+    # From where the first fit has its states
+    clean_case
+    cp -r ../plain/0.4 .
+    control startTime 0.4
+    surrogate 'mode replace; surrogates (dmd); timeStart 0.6; dmd { snapshotInterval 0.005; minSnapshots 24; jumpTolerance 0.05; fitTolerance 0.05; }'
+    solve
+    control startTime 0
+    replaces 0.22 "$model"
     expect_log "^m4gn: the dmd surrogate advances.*$names"
     # A field that has left its bounds
     expect_silence '[Bb]ounding' '[Ww]arning\|WARNING'
