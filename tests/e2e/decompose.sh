@@ -80,7 +80,7 @@ all_decompositions() {
 
 make_case cylinder
 # The method that looks at all: modes, and distances to an obstacle
-all_decompositions cylinder 'count 16; method slic-mdode; obstacles (cylinder); distanceScale 0.1;' 2 3 4
+all_decompositions cylinder 'count 16; method slic-mdode; obstacles (cylinder); distanceScale 0.1;' 2 4
 cd "$work"
 cp -r "$M4GN_HOME/tests/e2e/igloo" igloo
 mkdir igloo/0 igloo/constant
