@@ -89,11 +89,21 @@ EOD
     runs blockMesh
 }
 
-# What gmsh makes of mesh.geo
+# What gmsh makes of mesh.geo, once for all scripts that ./Alltest runs
 mesh_of_the_cylinder() {
+    local kept=${M4GN_TEST_MESHES:+$M4GN_TEST_MESHES/$(cat mesh.geo system/controlDict | cksum | tr ' ' -)}
+    if [ -d "$kept" ]; then
+        rm -rf constant/polyMesh && cp -r "$kept" constant/polyMesh
+        return
+    fi
     runs gmsh -nt 1 -3 -format msh2 -o mesh.msh mesh.geo
     runs gmshToFoam mesh.msh
     runs changeDictionary -constant
+    if [ -n "$kept" ]; then
+        # In one go, as another script may do the same
+        mkdir -p "$kept.$$" && cp -r constant/polyMesh/. "$kept.$$"
+        mv -T "$kept.$$" "$kept" 2> log.mesh || rm -rf "$kept.$$"
+    fi
 }
 
 # make_case FOLDER [NAME VALUE...]: about 900 triangles, icoFoam, 0.002 s a step, ASCII fields every 0.01 s to 0.06 s, or as these entries of
