@@ -155,15 +155,15 @@ sed -i 's/solverSteps 40/solverSteps 25/' system/functions
 anew
 solve 2
 keep whole processor0 processor1
-killed 8 1 'processor0 processor1' mpirun -np 2 icoFoam -parallel
+killed 5 1 'processor0 processor1' mpirun -np 2 icoFoam -parallel
 anew
 runs icoFoam
 keep whole [0-9]*
-killed 12 0.4 . icoFoam
+killed 8 0.4 . icoFoam
 # A fit, and its states in a file of their own that grows
 function_object m4gnSurrogate 'mode replace; surrogates (dmd); timeStart 0.5; control { tolerance 1000; relTol 1000; }
     dmd { snapshotInterval 0.01; window 30; minSnapshots 24; maxJump 15; jumpTolerance 0.5; fitTolerance 0.5; }'
-for ranks in 1 3; do
+for ranks in 1 2; do
     anew
     decomposition $ranks simple "coeffs { n ($ranks 1 1); }"
     folders=. run=icoFoam
@@ -178,7 +178,7 @@ for ranks in 1 3; do
     # shellcheck disable=SC2046,SC2086
     keep whole $([ $ranks -eq 1 ] && echo [0-9]* || echo $folders)
     # shellcheck disable=SC2086
-    killed 4 0.$((3*ranks)) "$folders" $run
+    killed 3 0.$((3*ranks)) "$folders" $run
 done
 # All ranks refuse in words what one of them cannot take up: states of the fit that are damaged, or of another run, and a state that is none
 # shellcheck disable=SC2086
