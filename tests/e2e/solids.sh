@@ -28,14 +28,15 @@ for family in deforming-plate deforming-beam; do
     [ "$(ls $family)" = "$(printf '0000.h5\n0001.h5')" ] || fail "$family holds other files: $(ls $family)"
     runs $generate
     grep -q '2 there before' log.run || fail "$family was made again"
-    refused 'frames 10 instead of 9' ${generate/frames 10/frames 9}
-    refused 'about 150 points instead of 160' ${generate/points 150/points 160}
-    rm $family/0001.h5
-    runs $generate
-    grep -q '1 trajectories made' log.run || fail "$family does not go on"
     runs m4gn info $family
     grep -q 'redraws, worst gap' log.run || fail "info does not count redraws"
 done
+# Whatever the family
+refused 'frames 10 instead of 9' ${generate/frames 10/frames 9}
+refused 'about 150 points instead of 160' ${generate/points 150/points 160}
+rm $family/0001.h5
+runs $generate
+grep -q '1 trajectories made' log.run || fail "$family does not go on"
 refused 'family "deforming-beam" instead of' m4gn generate deforming-plate --count 2 --seed 5 --out deforming-beam
 
 # Interrupted: nothing half is left, and the same command goes on
