@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # -fileHandler collated and masterUncollated: two ranks look for segments, store them and find them again.
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
-make_case case
+make_case case endTime 0.04
 errors=postProcessing/test/0/surrogateError.dat
 # parallel HANDLER COMMAND...
 parallel() { runs mpirun -np 2 "${@:2}" -parallel -fileHandler "$1"; }
@@ -24,10 +24,10 @@ for handler in masterUncollated collated; do
         fi
         same_rows "$serial" "$(rows $errors)"
         # The ranks' own, at a restart
-        control startFrom latestTime endTime 0.062
+        control startFrom latestTime endTime 0.042
         parallel $handler icoFoam
         expect_log 'segments read from'
-        control startFrom startTime endTime 0.06
+        control startFrom startTime endTime 0.04
         echo "$handler, segments $segments: the same"
     done
     printf "type m4gnSegments; libs (m4gnFoam); recompute yes; segments { count 9; }\n" > system/m4gnSegments
@@ -35,7 +35,7 @@ for handler in masterUncollated collated; do
 done
 
 # The state of a hybrid run, at a time within a jump (0.02 to 0.04) and one after it
-control writeFormat binary
+control writeFormat binary endTime 0.06
 surrogate "mode replace; $small timeStart 0.02; solverSteps 8; surrogateSteps 2; control { tolerance 1000; relTol 1000; }"
 for handler in masterUncollated collated; do
     clean_case
