@@ -30,12 +30,16 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
     let mut found = Commands::default();
     let mut depth = 0_usize;
     // The way from the case's folder to where commands are done, and those outside of brackets
-    let (mut place, mut outer) = (Vec::new(), Vec::new());
+    let (mut place, mut outer) = (Vec::<String>::new(), Vec::new());
     // A line that goes on is one
     for line in script.replace("\\\n", " ").lines().map(str::trim) {
         let all = words(line);
-        let mut words: Vec<&str> =
-            all.iter().map(String::as_str).take_while(|w| !w.starts_with(['#', '>'])).collect();
+        // What is behind || is done where a command fails, and ends a run itself
+        let ends = |w: &&str| !(w.starts_with(['#', '>']) || *w == "||");
+        let mut words: Vec<&str> = all.iter().map(String::as_str).take_while(ends).collect();
+        if let Some(last) = words.last_mut() {
+            *last = last.trim_end_matches(';');
+        }
         let Some(&first) = words.first() else { continue };
         // solids4foam has its own of the same names
         let first = first.strip_prefix("solids4Foam::").unwrap_or(first).trim_end_matches(';');
@@ -48,19 +52,23 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
             words.drain(..(1 + usize::from(value)).min(words.len()));
         }
         let program = words.first().copied().unwrap_or_default();
-        if runs
-            && (program.contains("getApplication")
-                || program.contains("$application")
-                || program.contains("${application")
-                || program == application)
-        {
-            found.parallel |= depth == 0 && first == "runParallel";
-            break;
-        }
+        let is_solver = |word: &str| {
+            let bare = word.trim_matches(|c: char| "$(){}`".contains(c));
+            [application, "getApplication"].contains(&bare) || bare == "application" && word.contains('$')
+        };
         // As a script without OpenFOAM's functions has it
-        let of_ranks = ["mpirun", "mpiexec", "srun"].contains(&first);
-        if first == application || of_ranks && words.contains(&application) {
-            found.parallel |= depth == 0 && of_ranks;
+        let of_ranks = ["mpirun", "mpiexec", "srun", "foamJob"].contains(&first);
+        let solves = match of_ranks {
+            true => words.iter().any(|word| is_solver(word)),
+            false => is_solver(if runs { program } else { first }),
+        };
+        // That of another case, as one whose fields are mapped, prepares this one
+        let told = |part: &String| !part.is_empty() && !part.starts_with(['$', '-']);
+        let elsewhere = !place.is_empty() && place.iter().all(told);
+        if solves && !elsewhere {
+            let parallel = |word: &&str| ["-parallel", "-p"].contains(word);
+            found.parallel |=
+                depth == 0 && (first == "runParallel" || of_ranks && words.iter().any(parallel));
             break;
         }
         let closes = |word: &&str| CLOSES.contains(&word.trim_end_matches(';'));
@@ -116,7 +124,8 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
             found.prepare.push(command.into_iter().map(String::from).collect());
             continue;
         }
-        if !runs || words.iter().any(|word| word.contains('$')) {
+        let several = |word: &&str| ["&&", "|", "&"].contains(word) || word.ends_with(';');
+        if !runs || words.iter().any(|word| word.contains('$') || several(word)) {
             if !OF_SCRIPTS.iter().any(|begin| line.starts_with(begin)) {
                 found.unknown.push(line.to_string());
             }
@@ -225,7 +234,14 @@ mod tests {
         assert_eq!(found.unknown[..4], left);
         assert_eq!(
             found.unknown[4..],
-            ["cd a/b || exit", "runApplication topoSet", ")", "cd ../other && mv c d", "cp e f"]
+            [
+                "cd a/b || exit",
+                "runApplication topoSet",
+                ")",
+                "cd ../other && mv c d",
+                "cp e f",
+                "runApplication icoFoam"
+            ]
         );
     }
 
@@ -238,6 +254,42 @@ mod tests {
             assert_eq!(found.prepare, [["cp", "a", "b"]]);
             assert_eq!((found.parallel, found.unknown), (parallel, vec!["blockMesh".to_string()]));
         }
+    }
+
+    #[test]
+    fn the_solver_is_found_however_it_is_started() {
+        for (solver, parallel) in [
+            ("$application > log.run", false),
+            ("mpirun -np 4 $(getApplication) -parallel > log &", true),
+            ("foamJob -parallel -screen icoFoam", true),
+            ("foamJob `getApplication`", false),
+            ("runParallel \"${application}\"", true),
+        ] {
+            let script = format!(
+                "application=$(getApplication)\nrunApplication blockMesh || exit 1\n{solver}\nrunApplication foamToVTK\n"
+            );
+            let found = of_script(&script, "icoFoam", false);
+            assert_eq!(
+                (&found.prepare[..], found.parallel),
+                (&[vec!["blockMesh".to_string()]][..], parallel),
+                "{solver}"
+            );
+            assert!(found.unknown.is_empty(), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_solver_of_another_case_is_not_the_end() {
+        let script = "cd inlet\nrunApplication $(getApplication)\ncd ..\nrunApplication blockMesh;\nrunApplication mapFields inlet\n\
+                      runApplication topoSet && runApplication setFields\nrunParallel icoFoam\n";
+        let found = of_script(script, "icoFoam", false);
+        assert_eq!(found.prepare, [vec!["blockMesh"], vec!["mapFields", "inlet"]]);
+        let left = [
+            "cd inlet",
+            "runApplication $(getApplication)",
+            "runApplication topoSet && runApplication setFields",
+        ];
+        assert_eq!((found.unknown, found.parallel), (left.map(String::from).to_vec(), true));
     }
 
     #[test]
