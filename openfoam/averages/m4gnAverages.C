@@ -133,7 +133,9 @@ void Foam::functionObjects::m4gnAverages::start()
     } else if (Pstream::master()) {
         char why[1000] = "";
         if (isFile(path)) {
-            note = m4gn_averages_load(averages_.get(), path.c_str(), why, sizeof(why)) == 0
+            // A folder of another run that was renamed has later rows, and no new one would count
+            const scalar latest = last_ + time_.deltaTValue();
+            note = m4gn_averages_load(averages_.get(), path.c_str(), latest, why, sizeof(why)) == 0
                        ? "carries on with the series of " + path
                        : string("begins anew: ") + why;
         } else if (time_.startTimeIndex() > 0) {

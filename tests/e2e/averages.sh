@@ -98,6 +98,15 @@ control endTime "$(calc "$(last_time) + 0.02")"
 runs icoFoam
 expect_log 'averages begins anew: .*averages.state: expected series of m4gnAverages, found a file that is damaged'
 
+# Nor from those of a later time whose folder was renamed
+mv 0 begin
+cp -r 0.25 0
+control startFrom startTime endTime 0.02
+runs icoFoam
+expect_log 'averages begins anew: .*0/uniform/averages.state: has series up to time 0.2'
+rm -r 0
+mv begin 0
+
 # Carried on after a kill: the table of the run without one
 clean_case
 averages ''

@@ -4,7 +4,7 @@
 use m4gn_averages::estimate::MIN_ROWS;
 use m4gn_averages::{Estimate, Goal, Row, Tolerance, Watch, saved};
 use m4gn_base::ffi::fpe::without_traps;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse_any};
 use std::ffi::{CStr, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -300,6 +300,7 @@ pub unsafe extern "C" fn m4gn_averages_save(
 pub unsafe extern "C" fn m4gn_averages_load(
     averages: *mut Averages,
     path: *const c_char,
+    latest: f64,
     why: *mut c_char,
     size: usize,
 ) -> i32 {
@@ -307,6 +308,17 @@ pub unsafe extern "C" fn m4gn_averages_load(
     let (averages, path) = unsafe { (averages.as_mut(), text(path)) };
     let done = guarded(|| {
         let found = saved::read(Path::new(&*path))?;
+        let ends = found.iter().filter_map(|saved| saved.rows.last()).map(|row| row.time);
+        let behind = ends.max_by(f64::total_cmp).filter(|end| *end > latest);
+        refuse_any(
+            behind,
+            |m| Error::file(&*path, m),
+            |end| {
+                format!(
+                    "has series up to time {end}, later than this run starts: expected those of a run that was at this time, and not of a folder that was renamed"
+                )
+            },
+        )?;
         let mut any = false;
         for quantity in averages.map(|a| a.all.as_mut_slice()).unwrap_or_default() {
             if let Some(saved) = found.iter().find(|saved| saved.name == quantity.key) {
@@ -362,7 +374,10 @@ mod tests {
             assert_eq!(text(why.as_ptr()), "Cl ");
             assert_eq!(m4gn_averages_save(a, path.as_ptr(), why.as_mut_ptr(), why.len()), 0);
             let b = make();
-            assert_eq!(m4gn_averages_load(b, path.as_ptr(), why.as_mut_ptr(), why.len()), 0);
+            assert_eq!(m4gn_averages_load(b, path.as_ptr(), 9.9, why.as_mut_ptr(), why.len()), 1);
+            assert!(text(why.as_ptr()).contains("has series up to time 10, later"), "{}", text(why.as_ptr()));
+            assert_eq!(m4gn_averages_check(b, 0, &mut figures), 1, "no rows");
+            assert_eq!(m4gn_averages_load(b, path.as_ptr(), 10.0, why.as_mut_ptr(), why.len()), 0);
             assert_eq!(m4gn_averages_check(b, 0, &mut figures), 0);
             assert_eq!((figures.rows, figures.settled), (500, 1), "the second check in a row");
             assert_eq!(m4gn_averages_push(b, 0, 10.02, f64::NAN, 0.02, 0), 1);
@@ -383,7 +398,7 @@ mod tests {
             m4gn_averages_free(c);
             let other = m4gn_averages_new(0.95);
             m4gn_averages_add(other, c"Cl".as_ptr(), c"forces2 Cl none".as_ptr(), 0.05, 1, 1);
-            assert_eq!(m4gn_averages_load(other, path.as_ptr(), why.as_mut_ptr(), why.len()), 1);
+            assert_eq!(m4gn_averages_load(other, path.as_ptr(), 10.0, why.as_mut_ptr(), why.len()), 1);
             assert!(text(why.as_ptr()).contains("has series of other quantities"));
             m4gn_averages_free(other);
             let large = make();
@@ -394,7 +409,7 @@ mod tests {
             m4gn_averages_line(large, 0, why.as_mut_ptr(), why.len());
             assert!(text(why.as_ptr()).starts_with("Cl: the squares of 20 values are too large"));
             m4gn_averages_free(large);
-            assert_eq!(m4gn_averages_load(b, c"/nowhere".as_ptr(), why.as_mut_ptr(), why.len()), 1);
+            assert_eq!(m4gn_averages_load(b, c"/nowhere".as_ptr(), 10.0, why.as_mut_ptr(), why.len()), 1);
             assert!(text(why.as_ptr()).starts_with("/nowhere: cannot be read"));
             m4gn_averages_free(a);
             m4gn_averages_free(b);

@@ -75,8 +75,9 @@ void m4gn_averages_line(const m4gn_averages* averages, size_t series, char* text
 int32_t m4gn_averages_save(const m4gn_averages* averages, const char* path, char* why, size_t size);
 
 //- Reads what a file has of series of these names and sources. 0, or 1 and
-//  why not, as where it has none of them: the series are then as they were.
-int32_t m4gn_averages_load(m4gn_averages* averages, const char* path, char* why, size_t size);
+//  why not, as where it has none of them, or rows later than latest (s): the
+//  series are then as they were.
+int32_t m4gn_averages_load(m4gn_averages* averages, const char* path, double latest, char* why, size_t size);
 
 #ifdef __cplusplus
 }
