@@ -128,8 +128,19 @@ fn uses(text: &str, name: &str) -> bool {
     let shared = |line: &&str| line.contains("simulationParameters");
     let includes = |line: &&str| line.trim_start().starts_with("#include") && shared(line);
     let quoted = format!("\"{name}\"");
-    lines.iter().any(dollar)
-        || match lines.iter().rposition(includes) {
+    let included = lines.iter().rposition(includes);
+    // The file's own entry of this name takes its place from there on, unless it takes its value
+    let mut depth = 0_usize;
+    let outermost = |line: &&str| {
+        let own = depth == 0 && line.split_whitespace().next() == Some(name) && !dollar(line);
+        depth = (depth + line.matches('{').count()).saturating_sub(line.matches('}').count());
+        own
+    };
+    let own: Vec<bool> = lines.iter().map(outermost).collect();
+    let behind = included.map_or(0, |at| at + 1);
+    let end = own[behind..].iter().position(|own| *own).map_or(lines.len(), |i| behind + i);
+    lines[..end].iter().any(dollar)
+        || match included {
             Some(at) => {
                 lines.iter().any(|line| line.contains(&quoted))
                     || lines[..at].iter().any(|line| line.split_whitespace().next() == Some(name))
@@ -168,7 +179,7 @@ fn unused(case: &Path, parameter: &Parameter, texts: &[(String, String)]) -> Str
     };
     format!(
         "{}: expected a file that uses the parameter {name}, found none. In the file that has its value, write\n  #include \
-         \"<{}>/{}\"\nabove, and ${name} in place of the value. {where_}",
+         \"<{}>/{}\"\nabove, and ${name} in place of the value; behind an entry {name} of its own, ${name} has that entry's value. {where_}",
         case.display(),
         PARAMETERS.split('/').next().unwrap_or_default(),
         PARAMETERS.split('/').next_back().unwrap_or_default()
@@ -194,6 +205,11 @@ mod tests {
             assert_eq!(uses(text, "U"), used, "{text}");
         }
         assert!(!uses(&format!("object U;\n{include}U 1;"), "U"), "the entry behind counts");
+        assert!(!uses(&format!("{include}U 1;\na $U;"), "U"), "as for what is behind");
+        assert!(!uses("U 1;\na $U;", "U"));
+        for text in ["nu $U;\nU 1;", "b\n{\n    U 1;\n}\na $U;", "U [0 1 -1 0 0 0 0] $U;\na $U;"] {
+            assert!(uses(&format!("U 2;\n{include}{text}"), "U"), "{text}");
+        }
         assert!(uses(&format!("object a;\nU 1;\n{include}"), "U"), "the one that is included counts");
         assert!(uses(&format!("{include}a #codeStream {{ dict.lookup(\"U\") }}"), "U"));
         assert!(uses("of() { foamDictionary -entry \"$1\" -value system/simulationParameters; }\nof U", "U"));
