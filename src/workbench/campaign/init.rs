@@ -9,7 +9,7 @@ use super::{check_apart, settings, table};
 use crate::check::{self, Case, Plan};
 use crate::generate::openfoam::{plain_path, scratch};
 use crate::generate::process::Surroundings;
-use crate::user_case::{entry, keywords};
+use crate::user_case::{entry, keywords, times};
 use m4gn_base::{Error, Result, files, refuse};
 use m4gn_report::number;
 use std::path::{Path, PathBuf};
@@ -82,6 +82,8 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
             alone.join(", ")
         ));
     }
+    let control = scratch.path().join("system/controlDict");
+    notes.extend(other_start(&source, entry(scratch.path(), &control, "startFrom", tools)?.as_deref())?);
     let shared = case.join(PARAMETERS);
     check_shared(&shared, &request.parameters, scratch.path(), tools)?;
     let commands = commands(&source, &request.parameters);
@@ -96,7 +98,6 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
             settings::FILE
         ));
     }
-    let control = scratch.path().join("system/controlDict");
     let entries = Entries {
         value: &|path| entry(scratch.path(), &control, path, tools).ok().flatten(),
         keywords: &|path| keywords(scratch.path(), &control, path, tools),
@@ -127,6 +128,24 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
     files::write_whole(&out.join(table::FILE), table.text()?.as_bytes())?;
     files::write_whole(&file, text.as_bytes())?;
     Ok(Found { runs: table.rows.len(), notes })
+}
+
+/// What is said of a case whose own run starts from another time than those of a campaign. `from`: its `startFrom`.
+fn other_start(source: &Source, from: Option<&str>) -> Result<Option<String>> {
+    let all = times(&source.folder)?;
+    let from = from.unwrap_or("latestTime");
+    let own = match from {
+        "startTime" => None,
+        "firstTime" => all.first(),
+        _ => all.last(),
+    };
+    let start = source.start;
+    Ok(own.filter(|(_, time)| *time != start).map(|(name, _)| {
+        format!(
+            "the case starts from time {name} (startFrom {from}), its runs in a campaign from startTime {start}: where they are to start from {name}, \
+             set startTime {name}"
+        )
+    }))
 }
 
 /// What `m4gn check` finds of the first run, in short, and the entries of the dmd surrogate that it suggests.
@@ -274,6 +293,21 @@ time_limit = 86400
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_start_from_another_time_is_told() {
+        let dir = crate::fixtures::folder(&[("0/U", ""), ("500/U", ""), ("constant/g", "")]);
+        let source = Source { folder: dir.path().to_path_buf(), ..Source::default() };
+        let told = |from: Option<&str>| other_start(&source, from).unwrap();
+        assert_eq!((told(Some("startTime")), told(Some("firstTime"))), (None, None));
+        for from in [Some("latestTime"), None] {
+            let note = told(from).unwrap();
+            assert!(
+                note.contains("from time 500 (startFrom latestTime)") && note.ends_with("set startTime 500"),
+                "{note}"
+            );
+        }
+    }
 
     #[test]
     fn what_is_written_can_be_read() {
