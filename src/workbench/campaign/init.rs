@@ -1,7 +1,7 @@
 //! A campaign made of a case: its three files.
 
 use super::case::{PARAMETERS, Source, parameters};
-use super::one::{clear_ranks, forget_behind};
+use super::one::prepare;
 use super::quantities::{Entries, quantities};
 use super::sampling::{Method, Parameter, sample};
 use super::survey::{check_uses, commands};
@@ -161,9 +161,7 @@ fn checked(
     let quick = Surroundings { timeout: Duration::from_secs(MESH_SECONDS), ..tools.clone() };
     let made = source
         .copy(&copy, &settings, parameters)
-        .and_then(|()| settings.prepare.iter().try_for_each(|command| quick.run(&copy, command)))
-        .and_then(|()| clear_ranks(&copy))
-        .and_then(|()| forget_behind(&copy, source.start));
+        .and_then(|()| prepare(&settings, &copy, source.start, &quick));
     let plan = Plan {
         case: Case::Folder(copy.clone()),
         model: None,

@@ -3,14 +3,14 @@
 use super::case::{self, AVERAGES, last_time};
 use super::plan::Plan;
 use super::record::{self, Cost, DONE, FAILED, Failure, Figure, Record, State};
-use super::settings::Statistic;
+use super::settings::{Settings, Statistic};
 use super::start::{self, Start};
 use super::{Campaign, Unit, source_of};
 use crate::compare::surrogate;
 use crate::generate::case::program;
-use crate::generate::process::{Surroundings, clear, ends, full};
-use crate::user_case::{averages, names, times};
-use m4gn_base::{Error, Result, files};
+use crate::generate::process::{Surroundings, clear, ends, excerpt, full};
+use crate::user_case::{averages, log, names, times};
+use m4gn_base::{Error, Result, files, refuse_any};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -120,10 +120,7 @@ fn make(
             format!("was changed since this program began: {what}. Give the command again"),
         ));
     }
-    settings.prepare.iter().try_for_each(|command| limit(tools.run(case, command)))?;
-    clear_ranks(case)?;
-    // Those of a steady run, say, are none of this one's
-    forget_behind(case, source.start)?;
+    limit(prepare(settings, case, source.start, tools))?;
     let source = source.prepared(case, &parameters, tools)?;
     source.control(case, settings, unit.check)?;
     let mut cost = Cost { prepare: clock.lap()?, ..Cost::default() };
@@ -215,9 +212,27 @@ fn of_ranks(case: &Path) -> Result<Vec<PathBuf>> {
     Ok(ranks.map(|name| case.join(name)).filter(|path| path.is_dir()).collect())
 }
 
+/// Runs the commands of `prepare` in a copy of the case, whose runs start at `start` s.
+///
+/// # Errors
+/// What a command says that fails, or one of a script, which itself goes on; as [`clear_ranks`].
+pub(super) fn prepare(settings: &Settings, case: &Path, start: f64, tools: &Surroundings) -> Result<()> {
+    settings.prepare.iter().try_for_each(|command| tools.run(case, command))?;
+    for log in names(case)?.iter().filter(|name| name.starts_with("log.")).map(|name| case.join(name)) {
+        refuse_any(
+            log::fatal(&excerpt(&log)),
+            |m| Error::file(&log, m),
+            |(text, _)| format!("a program of prepare failed: {text}"),
+        )?;
+    }
+    clear_ranks(case)?;
+    // Those of a steady run, say, are none of this one's
+    forget_behind(case, start)
+}
+
 /// Removes the folders of ranks that a case's own script has left: the whole case is run, or decomposed anew. Refuses a mesh that is in them alone,
 /// as snappyHexMesh makes it on several ranks; OpenFOAM's programs then remove the places of its cells in that of the whole case.
-pub(super) fn clear_ranks(case: &Path) -> Result<()> {
+fn clear_ranks(case: &Path) -> Result<()> {
     for folder in of_ranks(case)? {
         let mesh = folder.join("constant/polyMesh");
         let has =
@@ -242,7 +257,7 @@ fn ended(case: &Path, start: f64, log: &Path) -> Result<(String, f64)> {
 }
 
 /// Removes the times of a run's case that are behind this one, s.
-pub(super) fn forget_behind(case: &Path, end: f64) -> Result<()> {
+fn forget_behind(case: &Path, end: f64) -> Result<()> {
     for folder in of_ranks(case)?.into_iter().chain([case.to_path_buf()]) {
         for (name, _) in times(&folder)?.into_iter().filter(|(_, time)| *time > end) {
             let path = folder.join(name);
@@ -359,6 +374,20 @@ mod tests {
                 .contains("processor0/constant/polyMesh: is a mesh that prepare has made on several ranks"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn a_program_that_fails_within_a_script_is_told() {
+        let script = |text: &str| {
+            let dir = fixtures::folder(&[("Allrun.pre", text), ("0/U", ""), ("0.5/U", "")]);
+            let settings = "case = \"c\"\nsolver = [\"icoFoam\"]\nprepare = [[\"sh\", \"Allrun.pre\"]]\n";
+            let done = prepare(&toml::from_str(settings).unwrap(), dir.path(), 0.0, &fixtures::tools());
+            (done.map_err(|e| e.to_string()), times(dir.path()).unwrap().len())
+        };
+        assert_eq!(script("echo End > log.blockMesh\n"), (Ok(()), 1));
+        let fatal = "echo '--> FOAM FATAL ERROR: ' > log.snappyHexMesh\necho 'no patch' >> log.snappyHexMesh\necho End > log.checkMesh\n";
+        let why = script(fatal).0.unwrap_err();
+        assert!(why.ends_with("log.snappyHexMesh: a program of prepare failed: no patch"), "{why}");
     }
 
     #[test]
