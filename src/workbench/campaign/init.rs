@@ -2,7 +2,7 @@
 
 use super::case::{PARAMETERS, Source, parameters};
 use super::one::prepare;
-use super::quantities::{Entries, quantities};
+use super::quantities::{Entries, largest, quantities};
 use super::sampling::{Method, Parameter, sample};
 use super::survey::{check_uses, commands};
 use super::{check_apart, settings, table};
@@ -109,7 +109,9 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
             settings::FILE
         ));
     }
-    let mut text = text(&source, &commands.prepare, ranks, &request.parameters, &quantities);
+    let of_averages = |name: &str, usual: f64| largest(&source.functions, &entries, name).unwrap_or(usual);
+    let known_when = (of_averages("minTime", 0.0), of_averages("confidence", 0.95));
+    let mut text = text(&source, &commands.prepare, ranks, &request.parameters, known_when, &quantities);
     let (found, suggested) = checked(&source, &text, &parameters(&table, &table.rows[0]), tools)?;
     notes.push(found);
     if let Some(entries) = suggested {
@@ -244,6 +246,7 @@ fn text(
     prepare: &[Vec<String>],
     ranks: usize,
     parameters: &[Parameter],
+    (min_time, confidence): (f64, f64),
     quantities: &str,
 ) -> String {
     let prepare = toml::Value::from(prepare.to_vec());
@@ -272,9 +275,9 @@ start = \"auto\"
 
 # A run ends when all quantities with a tolerance are known, not before min_time, and at end_time (the case's endTime) at the latest
 stop = true
-min_time = 0
+min_time = {min_time}
 # end_time = {}
-confidence = 0.95
+confidence = {confidence}
 # Share of the runs that are made a second time as a check: cold, without a surrogate, to end_time
 held_out = 0.1
 
@@ -313,9 +316,9 @@ mod tests {
             Source { folder: "/a/\"case\"".into(), application: "icoFoam".into(), ..Source::default() };
         let prepare = [vec!["blockMesh".to_string(), "-dict".to_string()]];
         let quantities = "[[quantity]]\nname = \"Cd\"\nfunction_object = \"forces\"\nresult = \"Cd\"\n";
-        let text = text(&source, &prepare, 2, &["Uin=1:2".parse().unwrap()], quantities);
+        let text = text(&source, &prepare, 2, &["Uin=1:2".parse().unwrap()], (1.5, 0.9), quantities);
         let read: settings::Settings = toml::from_str(&text).unwrap();
         assert_eq!((&read.case, &read.prepare[..], read.ranks), (&source.folder, &prepare[..], 2));
-        assert_eq!(read.quantity.len(), 1);
+        assert_eq!((read.quantity.len(), read.min_time, read.confidence), (1, 1.5, 0.9));
     }
 }

@@ -60,6 +60,13 @@ pub fn quantities(functions: &[(String, String)], entries: &Entries) -> Result<(
     Ok((all, known))
 }
 
+/// The largest value that an entry has in the case's own m4gnAverages.
+pub fn largest(functions: &[(String, String)], entries: &Entries, name: &str) -> Option<f64> {
+    let own = functions.iter().filter(|(_, kind)| kind == "m4gnAverages");
+    let value = |object: &str| (entries.value)(&format!("functions/{object}/{name}"))?.parse::<f64>().ok();
+    own.filter_map(|(object, _)| value(object)).max_by(f64::total_cmp)
+}
+
 /// What the function object m4gnAverages of this name asks for.
 fn of_averages(object: &str, entries: &Entries) -> Result<Vec<Quantity>> {
     let all = format!("functions/{object}/quantities");
@@ -131,6 +138,21 @@ mod tests {
         let entries = Entries { value: &|path| values.get(path).cloned(), keywords: &keywords };
         let (text, known) = quantities(&functions, &entries).unwrap();
         (toml::from_str::<Read>(&text).unwrap().quantity, known, text)
+    }
+
+    #[test]
+    fn what_ends_a_run_is_that_of_the_case() {
+        let [means, later, forces] =
+            [("means", "m4gnAverages"), ("later", "m4gnAverages"), ("forces", "forceCoeffs")]
+                .map(|(a, b)| (a.to_string(), b.to_string()));
+        let value = |path: &str| {
+            let times = [("means", "5"), ("later", "40"), ("forces", "60")];
+            let found = times.iter().find(|(name, _)| path == format!("functions/{name}/minTime"));
+            found.map(|(_, time)| time.to_string())
+        };
+        let entries = Entries { value: &value, keywords: &|_| Vec::new() };
+        assert_eq!(largest(&[means, later, forces], &entries, "minTime"), Some(40.0));
+        assert_eq!(largest(&[], &entries, "minTime"), None);
     }
 
     #[test]
