@@ -9,7 +9,7 @@ use super::{Campaign, Unit, source_of};
 use crate::compare::surrogate;
 use crate::generate::case::program;
 use crate::generate::process::{Surroundings, clear, ends, excerpt, full};
-use crate::user_case::{averages, log, names, times};
+use crate::user_case::{averages, has_regions, log, names, times};
 use m4gn_base::{Error, Result, files, refuse_any};
 use std::collections::BTreeMap;
 use std::fs;
@@ -133,8 +133,9 @@ fn make(
         source.store(case, stored, None)?;
     }
     let mut solver = settings.solver.clone();
+    let regions: &[&str] = if has_regions(case) { &["-allRegions"] } else { &[] };
     if settings.ranks > 1 {
-        limit(tools.run(case, &["decomposePar", "-force"]))?;
+        limit(tools.run(case, &[&["decomposePar", "-force"][..], regions].concat()))?;
         let mpirun = ["mpirun".into(), "-np".into(), settings.ranks.to_string()];
         solver = mpirun.into_iter().chain(solver).chain(["-parallel".to_string()]).collect();
     }
@@ -177,7 +178,7 @@ fn make(
     }
     if settings.ranks > 1 {
         let last: &[&str] = if stored.or(behind).is_some() { &[] } else { &["-latestTime"] };
-        limit(tools.run(case, &[&["reconstructPar"], last].concat()))?;
+        limit(tools.run(case, &[&["reconstructPar"], regions, last].concat()))?;
         for folder in of_ranks(case)? {
             let _ = fs::remove_dir_all(folder);
         }

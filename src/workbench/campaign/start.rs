@@ -8,7 +8,7 @@ use super::table::number;
 use crate::cycle::Cycle;
 use crate::foam_case::{FoamCase, Source};
 use crate::generate::process::Surroundings;
-use crate::user_case::{copy_all, header, names, times};
+use crate::user_case::{copy_all, has_regions, header, names, times};
 use m4gn_base::digest::Digest;
 use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -82,7 +82,7 @@ pub fn make(
     let mut notes = Vec::new();
     let kinds: &[(Kind, Option<String>)] = if own.is_empty() { &[] } else { &plan.kinds };
     if kinds.len() < plan.kinds.len() {
-        notes.push("the case has no constant/polyMesh: runs of several regions are cold".to_string());
+        notes.push("runs of several regions are cold".to_string());
     }
     for (kind, why) in kinds {
         let made = match (kind, sisters) {
@@ -239,13 +239,14 @@ pub(super) fn ratio(scale: Scale<'_>, sister: &Record) -> Result<f64> {
     }
 }
 
-/// Digest of a case's mesh; empty: it has none, or one for each of its regions.
+/// Digest of a case's mesh; empty: it has none, or several regions.
 ///
 /// # Errors
 /// [`Error::File`] for a mesh that cannot be read.
 pub fn mesh(case: &Path) -> Result<String> {
     let folder = case.join("constant/polyMesh");
-    if !folder.is_dir() {
+    // The mesh that splitMeshRegions has cut may still be there
+    if has_regions(case) || !folder.is_dir() {
         return Ok(String::new());
     }
     let mut files = names(&folder)?;
@@ -297,6 +298,8 @@ pub(super) mod tests {
         assert_eq!(of(&[], Start::Cold).note, None);
         let zero = of(&[at(0.0, "cold", 1.0, None)], Start::Nearest);
         assert!(zero.note.unwrap().contains("scale = \"U\": expected numbers other than 0, found 2 and 0"));
+        let split = [("constant/polyMesh/faces", ""), ("constant/regionProperties", "")];
+        crate::fixtures::write(dir.path(), &split);
         let regions = of_mesh(&mesh(dir.path()).unwrap(), &[at(1.0, "cold", 1.0, None)], Start::Nearest);
         assert!(regions.kind == "cold" && regions.note.unwrap().contains("several regions"));
     }

@@ -89,6 +89,11 @@ pub(crate) fn has_mesh(case: &Path) -> bool {
     has(&constant) || fs::read_dir(&constant).into_iter().flatten().flatten().any(|e| has(&e.path()))
 }
 
+/// Whether a case is of several regions, each with a mesh and fields in folders of its own.
+pub(crate) fn has_regions(case: &Path) -> bool {
+    case.join("constant/regionProperties").is_file()
+}
+
 /// Names of all that a folder has.
 pub(crate) fn names(folder: &Path) -> Result<Vec<String>> {
     let entries = fs::read_dir(folder).map_err(|e| Error::file(folder, format!("cannot be read: {e}")))?;
