@@ -4,7 +4,7 @@ use super::case::{PARAMETERS, Source, parameters};
 use super::one::prepare;
 use super::quantities::{Entries, largest, quantities};
 use super::sampling::{Method, Parameter, sample};
-use super::survey::{check_uses, commands};
+use super::survey::{beside, check_uses, commands};
 use super::{check_apart, settings, table};
 use crate::check::{self, Case, Plan};
 use crate::generate::openfoam::{plain_path, scratch};
@@ -73,9 +73,14 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
     )?;
     let table = sample(&request.parameters, request.method, request.count, request.seed)?;
     let scratch = scratch()?;
-    let source = Source::read(&case, scratch.path(), &parameters(&table, &table.rows[0]), None, tools)?;
+    let beside = beside(&case)?;
+    let read = Source::read(&case, scratch.path(), &parameters(&table, &table.rows[0]), None, tools);
+    let source = read.map_err(|e| match (e, &beside) {
+        (Error::File { path, message }, Some(note)) => Error::file(path, format!("{message}; {note}")),
+        (e, _) => e,
+    })?;
     let alone = check_uses(&source, &request.parameters)?;
-    let mut notes = Vec::new();
+    let mut notes: Vec<String> = beside.into_iter().collect();
     if !alone.is_empty() {
         notes.push(format!(
             "{} uses a parameter and does not include {PARAMETERS} itself: unless a file that it includes does, add #include \"<system>/simulationParameters\"",

@@ -4,8 +4,8 @@ use super::case::{PARAMETERS, Source, takes_original};
 use super::sampling::{Parameter, Values};
 use super::table::number;
 use crate::user_case::script::{Commands, ORIGINAL, of_files, of_script};
-use crate::user_case::{BLOCK_MESH, has_mesh, mentions};
-use m4gn_base::{Error, Result, files};
+use crate::user_case::{BLOCK_MESH, has_mesh, mentions, names};
+use m4gn_base::{Error, Result, files, listed};
 use std::path::Path;
 
 /// Longest file that is searched, bytes.
@@ -51,13 +51,31 @@ fn depends(source: &Source, file: &str, parameters: &[Parameter]) -> bool {
     false
 }
 
-/// Checks that some file of the case uses each parameter, and returns the files that use one without including [`PARAMETERS`].
+/// What is said of files and folders beside the case that its dictionaries name: runs are made in copies of the case alone.
 ///
 /// # Errors
-/// [`Error::Input`] naming the parameter that no file uses, and the lines that may hold its value, or first fields that lose theirs.
-pub fn check_uses(source: &Source, parameters: &[Parameter]) -> Result<Vec<String>> {
-    let (names, mut texts) = (source.files()?, Vec::new());
-    for name in names.clone() {
+/// [`Error::File`] where the case cannot be read.
+pub fn beside(case: &Path) -> Result<Option<String>> {
+    let source = Source { folder: case.to_path_buf(), ..Source::default() };
+    let own = names(case)?;
+    let mut others = case.parent().map_or(Ok(Vec::new()), names).unwrap_or_default();
+    others.retain(|name| !own.contains(name) && Some(name.as_ref()) != case.file_name());
+    let mut found = Vec::new();
+    for (file, text) in texts(&source)?.iter().filter(|(file, _)| file.contains('/')) {
+        let mut lines =
+            text.lines().filter(|line| line.contains("../") && !line.trim_start().starts_with("//"));
+        let named = |line: &str| others.iter().find(|name| mentions(line, &format!("../{name}")));
+        found.extend(lines.find_map(named).map(|name| format!("{file} names ../{name}")));
+    }
+    let more =
+        "which lies beside the case, and runs are made in copies of the case alone: move it into the case";
+    Ok((!found.is_empty()).then(|| format!("{}, {more}", listed(found))))
+}
+
+/// The case's files that may use a parameter, and their texts.
+fn texts(source: &Source) -> Result<Vec<(String, String)>> {
+    let mut texts = Vec::new();
+    for name in source.files()? {
         let path = source.folder.join(&name);
         let short = path.metadata().is_ok_and(|m| m.len() <= LONGEST) && !name.contains("polyMesh/")
             || name.ends_with("blockMeshDict");
@@ -65,6 +83,15 @@ pub fn check_uses(source: &Source, parameters: &[Parameter]) -> Result<Vec<Strin
             texts.push((name, String::from_utf8_lossy(&text).into_owned()));
         }
     }
+    Ok(texts)
+}
+
+/// Checks that some file of the case uses each parameter, and returns the files that use one without including [`PARAMETERS`].
+///
+/// # Errors
+/// [`Error::Input`] naming the parameter that no file uses, and the lines that may hold its value, or first fields that lose theirs.
+pub fn check_uses(source: &Source, parameters: &[Parameter]) -> Result<Vec<String>> {
+    let (names, texts) = (source.files()?, texts(source)?);
     for parameter in parameters {
         let name = &parameter.name;
         if !texts.iter().any(|(_, text)| uses(text, name)) {
@@ -219,6 +246,22 @@ mod tests {
         let dir = crate::fixtures::folder(list);
         let folder = dir.path().to_path_buf();
         (dir, Source { folder, application: "icoFoam".into(), ..Source::default() })
+    }
+
+    #[test]
+    fn what_a_case_takes_from_beside_it_is_told() {
+        let dir = crate::fixtures::folder(&[
+            ("common/nu", ""),
+            ("system/nu", ""),
+            ("case/constant/nu", "// ../../common\nnu 1;\n"),
+            ("case/system/controlDict", "#include \"../constant/nu\"\n#include \"../system/nu\"\n"),
+        ]);
+        let case = dir.path().join("case");
+        assert_eq!(beside(&case).unwrap(), None);
+        crate::fixtures::write(&case, &[("0/U", "#include \"../../common/nu\"\n")]);
+        assert!(
+            beside(&case).unwrap().unwrap().starts_with("0/U names ../common, which lies beside the case")
+        );
     }
 
     #[test]
