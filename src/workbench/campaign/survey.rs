@@ -3,13 +3,14 @@
 use super::case::{PARAMETERS, Source, takes_original};
 use super::sampling::{Parameter, Values};
 use super::table::number;
+use crate::generate::process::ends;
 use crate::user_case::script::{Commands, ORIGINAL, of_files, of_script};
 use crate::user_case::{BLOCK_MESH, has_mesh, mentions, names};
 use m4gn_base::{Error, Result, files, listed};
 use std::path::Path;
 
-/// Longest file that is searched, bytes.
-const LONGEST: u64 = 1 << 20;
+/// Of files longer than twice this the begin and the end are searched, bytes of each: a field has its include and its boundary conditions there.
+const SEARCHED: usize = 1 << 20;
 /// Most lines that are shown.
 const SHOWN: usize = 12;
 
@@ -76,11 +77,9 @@ pub fn beside(case: &Path) -> Result<Option<String>> {
 fn texts(source: &Source) -> Result<Vec<(String, String)>> {
     let mut texts = Vec::new();
     for name in source.files()? {
-        let path = source.folder.join(&name);
-        let short = path.metadata().is_ok_and(|m| m.len() <= LONGEST) && !name.contains("polyMesh/")
-            || name.ends_with("blockMeshDict");
-        if let Some(text) = short.then(|| files::read(&path).ok()).flatten() {
-            texts.push((name, String::from_utf8_lossy(&text).into_owned()));
+        if !name.contains("polyMesh/") || name.ends_with("blockMeshDict") {
+            let text = ends(&source.folder.join(&name), SEARCHED);
+            texts.push((name, text));
         }
     }
     Ok(texts)
@@ -187,7 +186,8 @@ fn unused(case: &Path, parameter: &Parameter, texts: &[(String, String)]) -> Str
                 .filter(|(_, line)| line.len() < 200 && !line.trim_start().starts_with("//") && wanted(line));
             lines.map(|(i, line)| format!("{file}, line {}: {}", i + 1, line.trim())).collect()
         };
-        texts.iter().flat_map(of).take(SHOWN).collect()
+        // Lines of a part have other numbers
+        texts.iter().filter(|(_, text)| text.len() <= SEARCHED).flat_map(of).take(SHOWN).collect()
     };
     let may_be = |word: &str| match (&parameter.values, number(word)) {
         (Values::Range([low, high]), Some(v)) => v != 0.0 && v >= *low && v <= *high,
@@ -312,6 +312,10 @@ mod tests {
         let named = of("nu=0.1:0.2").unwrap_err().to_string();
         assert!(named.contains("constant/transportProperties, line 1: nu 0.01;"), "{named}");
         assert!(of("b=7,8").unwrap_err().to_string().contains("No line was found"));
+        let cells = "(0 0 0)\n".repeat(400_000);
+        let long = format!("#include \"<system>/simulationParameters\"\n{cells}value uniform ($Uin 0 0);\n");
+        let (_dir, developed) = source(&[("0/U", &long)]);
+        assert!(check_uses(&developed, &["Uin=1:2".parse().unwrap()]).unwrap().is_empty());
         let (_dir, undone) = source(&[("0/U", "$Uin"), ("0.orig/U", "1"), ("Allrun.pre", "restore0Dir")]);
         let message = check_uses(&undone, &["Uin=1:2".parse().unwrap()]).unwrap_err().to_string();
         assert!(
