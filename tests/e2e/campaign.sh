@@ -246,6 +246,15 @@ runs m4gn campaign report --store ranks
 below "$(off "$(value ranks r01)" "$(value other r01)")" 0.006 "mean speed on two ranks against one"
 [ -z "$(ls -d ranks/runs/*/case/processor* 2> /dev/null)" ] || fail "folders of ranks are left"
 
+# Its figures are there where its last state cannot be reconstructed
+mkdir shim
+printf '#!/bin/sh\nexit 1\n' > shim/reconstructPar
+chmod +x shim/reconstructPar
+runs m4gn campaign init cavity --out apart --parameter Ulid=1 --parameter n=20 --ranks 2
+quantity apart
+runs env PATH="$PWD/shim:$PATH" m4gn campaign one r01 --store apart
+expect_log '^r01: speed .*its last state cannot be taken: .*reconstructPar failed'
+
 # An end that is a parameter is each run's own, also where controlDict includes it from elsewhere in the case
 sed -i 's/^endTime .*/#include "$FOAM_CASE\/constant\/times"/' cavity/system/controlDict
 # shellcheck disable=SC2016  # names of OpenFOAM

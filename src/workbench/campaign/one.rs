@@ -168,24 +168,34 @@ fn make(
             // The answer is there, and these states are for its sisters
             Err(e) => {
                 forget_behind(case, end_time)?;
-                let notes = started.note.take().into_iter();
-                let notes = notes.chain([format!("its cycle cannot be taken, as it does not go on: {e}")]);
-                (behind, started.note) = (None, Some(notes.collect::<Vec<_>>().join("; ")));
+                behind = None;
+                started.noted(format!("its cycle cannot be taken, as it does not go on: {e}"));
             }
         }
         moved(&log, &case.join("log.states"))?;
         moved(&kept, &log)?;
     }
+    let last = ended(case, source.start, &log)?.0;
     if settings.ranks > 1 {
         let last: &[&str] = if stored.or(behind).is_some() { &[] } else { &["-latestTime"] };
-        limit(tools.run(case, &[&["reconstructPar"], regions, last].concat()))?;
+        match limit(tools.run(case, &[&["reconstructPar"], regions, last].concat())) {
+            Ok(()) => {}
+            Err(Error::Interrupted(e)) => return Err(Error::Interrupted(e)),
+            // The answer is there, as above; a mesh that is refined in the run has no whole state
+            Err(e) => {
+                forget_behind(case, source.start)?;
+                started.noted(format!("its last state cannot be taken: {e}"));
+            }
+        }
         for folder in of_ranks(case)? {
             let _ = fs::remove_dir_all(folder);
         }
     }
     cost.states = clock.lap()?;
-    let last = ended(case, source.start, &log)?.0;
-    whole(&case.join(&last))?;
+    let state = case.join(&last);
+    if state.is_dir() {
+        whole(&state)?;
+    }
     if let Some(found) = surrogate::read(case)? {
         cost.surrogate = ["surrogate_seconds", "hand_over_seconds"]
             .iter()

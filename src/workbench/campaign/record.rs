@@ -57,6 +57,14 @@ pub struct Started {
     pub note: Option<String>,
 }
 
+impl Started {
+    /// Adds to the note.
+    pub fn noted(&mut self, what: String) {
+        let notes = self.note.take().into_iter().chain([what]);
+        self.note = Some(notes.collect::<Vec<_>>().join("; "));
+    }
+}
+
 impl std::fmt::Display for Started {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match &self.sister {
