@@ -1,5 +1,7 @@
 //! What the script of a tutorial, `Allrun`, does before its solver.
 
+use std::collections::VecDeque;
+
 /// The commands of a case.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Commands {
@@ -31,8 +33,8 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
     let mut depth = 0_usize;
     // The way from the case's folder to where commands are done, and those outside of brackets
     let (mut place, mut outer) = (Vec::<String>::new(), Vec::new());
-    // A line that goes on is one
-    for line in script.replace("\\\n", " ").lines().map(str::trim) {
+    let lines = lines(script);
+    for line in lines.iter().map(String::as_str) {
         let all = words(line);
         // What is behind || is done where a command fails, and ends a run itself
         let ends = |w: &&str| !(w.starts_with(['#', '>']) || *w == "||");
@@ -143,6 +145,59 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
     found
 }
 
+/// The lines of a script: one that goes on is one, and a loop over words that stand there is written out.
+fn lines(script: &str) -> Vec<String> {
+    let mut rest: VecDeque<String> =
+        script.replace("\\\n", " ").lines().map(|line| line.trim().to_string()).collect();
+    let mut lines = Vec::new();
+    while let Some(line) = rest.pop_front() {
+        let head = line.strip_suffix("do").map_or(&line[..], str::trim_end);
+        let head = if head.len() < line.len() && !head.ends_with(';') { &line[..] } else { head };
+        let words: Vec<&str> = head.trim_end_matches(';').split_whitespace().collect();
+        let mut depth = 1;
+        let closes = |line: &String| {
+            let words: Vec<&str> = line.split_whitespace().map(|w| w.trim_end_matches(';')).collect();
+            let first = words.first().copied().unwrap_or_default();
+            let closed = words.iter().any(|w| CLOSES.contains(w));
+            depth += i32::from(OPENS.contains(&first) && !closed) - i32::from(CLOSES.contains(&first));
+            depth == 0
+        };
+        let plain = |w: &&str| w.chars().all(|c| c.is_alphanumeric() || "._-/+".contains(c)) && *w != "do";
+        let end = match &words[..] {
+            ["for", _, "in", values @ ..] if values.iter().all(plain) => rest.iter().position(closes),
+            _ => None,
+        };
+        let Some(end) = end.filter(|end| end * words.len() < 10_000) else {
+            lines.push(line);
+            continue;
+        };
+        let body: Vec<String> = rest.drain(..=end).filter(|l| l != "do").collect();
+        for value in words[3..].iter().rev() {
+            let with = |line: &String| with_value(line, words[1], value);
+            body[..body.len() - 1].iter().rev().for_each(|line| rest.push_front(with(line)));
+        }
+    }
+    lines
+}
+
+/// A line with a value in place of `$name` and `${name}`.
+fn with_value(line: &str, name: &str, value: &str) -> String {
+    let mut pieces = line.split('$');
+    let mut text = pieces.next().unwrap_or_default().to_string();
+    for piece in pieces {
+        let bare = || {
+            piece
+                .strip_prefix(name)
+                .filter(|rest| !rest.starts_with(|c: char| c.is_alphanumeric() || c == '_'))
+        };
+        match piece.strip_prefix(&format!("{{{name}}}")[..]).or_else(bare) {
+            Some(rest) => text += &format!("{value}{rest}"),
+            None => text += &format!("${piece}"),
+        }
+    }
+    text
+}
+
 /// Follows a `cd`; the folder of the script is the case's.
 fn go(place: &mut Vec<String>, to: &str) {
     if to.contains("%/*") || to.contains("dirname") {
@@ -212,9 +267,9 @@ mod tests {
     }
 
     #[test]
-    fn what_may_be_done_or_several_times_is_left_out() {
+    fn what_may_be_done_is_left_out() {
         let script = "solids4Foam::runApplication blockMesh\nif [ \"$1\" = foam ]; then mirrorMesh; fi\nif [ \"$coupling\" = true ]\nthen\n    \
-                      runApplication changeDictionary\nfi\nfor i in 1 2\ndo\n    runApplication -s $i refineMesh -dict system/refine.$i\ndone\n\
+                      runApplication changeDictionary\nfi\nfor i in $(ls)\ndo\n    runApplication -s $i refineMesh -dict system/refine.$i\ndone\n\
                       runApplication setFields\nif [ \"$1\" = parallel ]\nthen\n    runApplication decomposePar\n    \
                       solids4Foam::runParallel icoFoam\nfi\nrunApplication foamToVTK\n";
         let found = of_script(script, "icoFoam", true);
@@ -222,6 +277,20 @@ mod tests {
         assert!(!found.parallel, "it is serial by default");
         assert_eq!(found.unknown.len(), 7, "{:?}", found.unknown);
         assert!(found.unknown.contains(&"runApplication changeDictionary".to_string()));
+    }
+
+    #[test]
+    fn a_loop_over_words_is_written_out() {
+        let script = "for i in 1 2; do\n    runApplication -s $i topoSet -dict system/set.${i}\n    for d in x y\n    do\n        \
+                      cp $d.$i $dd\n    done\ndone\nfor f in a; do cp $f b; done\nrunApplication icoFoam\n";
+        let found = of_script(script, "icoFoam", true);
+        let sets = |i: &str| vec!["topoSet".to_string(), "-dict".into(), format!("system/set.{i}")];
+        assert_eq!(found.prepare, [sets("1"), sets("2")]);
+        assert_eq!(
+            found.unknown,
+            ["cp x.1 $dd", "cp y.1 $dd", "cp x.2 $dd", "cp y.2 $dd", "for f in a; do cp $f b; done"]
+        );
+        assert_eq!(of_script("for i in 1\nrunApplication a\n", "icoFoam", true).prepare, [["a"]; 0]);
     }
 
     #[test]
