@@ -235,6 +235,12 @@ fn times_are_those_of_the_same_span_and_of_runs_that_ended() {
     let row = text.lines().find(|l| l.contains("whole run: processor time")).unwrap();
     assert!(row.ends_with("25.0 %, 4.00 x as fast"), "{text}");
     assert!(text.find("whole run").unwrap() < text.find("RMSE-1").unwrap());
+    // One that began from the full run's fields at 1 s
+    let late = "Create mesh for time = 1\n\nTime = 2\n\nExecutionTime = 5 s  ClockTime = 5 s\n\nEnd\n";
+    fs::write(runs.b.join("log.icoFoam"), late).unwrap();
+    let (_, found) = runs.compared(&[]);
+    assert_eq!(found["span"], serde_json::json!([1.0, 2.0]));
+    assert_eq!((&found["processor_a"], &found["processor_b"]), (&40.0.into(), &5.0.into()));
     log(&runs.b, &[0.7], "");
     let (text, found) = runs.compared(&[]);
     assert!(found["processor_a"].is_null() && found["wall_b"].is_null(), "{found}");

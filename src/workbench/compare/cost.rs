@@ -1,15 +1,11 @@
 //! What two runs took: whole, with start-up and loading, over the simulated time that both have, and then after the takeover.
 
 use super::Options;
-use super::log::{Clock, Log};
+use super::log::Log;
 use crate::foam_case::FoamCase;
-use m4gn_base::Result;
 use m4gn_report::{Table, number, percent, seconds};
 use serde::Serialize;
 use std::path::Path;
-
-/// Seconds of A and B by the same clock.
-pub type Pair = [Option<f64>; 2];
 
 /// What two runs took.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -53,8 +49,7 @@ impl Cost {
     }
 
     fn of_logs(a: &Log, b: &Log, takeover: f64) -> Self {
-        let whole = |log: &Log| -> Result<()> { log.check_ended() };
-        if let Err(e) = whole(a).and_then(|()| whole(b)) {
+        if let Err(e) = a.check_ended().and_then(|()| b.check_ended()) {
             return Cost { without_logs: Some(e.to_string()), ..Cost::default() };
         }
         let (from, to) = (a.start.max(b.start), a.end().min(b.end()));
@@ -70,26 +65,16 @@ impl Cost {
         }
         let [whole_a, whole_b] = [a, b].map(|log| log.between(from, to));
         let after = |log: &Log| (takeover >= from).then(|| log.between(takeover, to).processor);
-        let wall = |clock: Clock| clock.wall;
         Cost {
             span: Some([from, to]),
-            wall_a: wall(whole_a),
-            wall_b: wall(whole_b),
+            wall_a: whole_a.wall,
+            wall_b: whole_b.wall,
             processor_a: Some(whole_a.processor),
             processor_b: Some(whole_b.processor),
             processor_after_a: after(a),
             processor_after_b: after(b),
             ..Cost::default()
         }
-    }
-
-    /// Wall seconds, processor seconds, and those after the takeover.
-    pub fn pairs(&self) -> [Pair; 3] {
-        [
-            [self.processor_a, self.processor_b],
-            [self.wall_a, self.wall_b],
-            [self.processor_after_a, self.processor_after_b],
-        ]
     }
 
     /// The whole runs first, then the stretch in which the surrogate rides.
@@ -99,8 +84,12 @@ impl Cost {
             true => "whole run: wall time [s]",
             false => "whole run: wall time [s], whole seconds",
         };
-        let names = ["whole run: processor time [s]", wall, "after the takeover: processor time [s]"];
-        for (name, pair) in names.into_iter().zip(self.pairs()) {
+        let rows = [
+            ("whole run: processor time [s]", [self.processor_a, self.processor_b]),
+            (wall, [self.wall_a, self.wall_b]),
+            ("after the takeover: processor time [s]", [self.processor_after_a, self.processor_after_b]),
+        ];
+        for (name, pair) in rows {
             let [a, b] = pair.map(|v| v.map_or("-".into(), |v| number(v, 4)));
             table.row([name.to_string(), a, b, share(pair)]);
         }
@@ -120,50 +109,12 @@ impl Cost {
     }
 }
 
-/// "25.0 %, 4.00 x as fast".
-fn share(pair: Pair) -> String {
+/// Of seconds of A and B by the same clock: "25.0 %, 4.00 x as fast".
+fn share(pair: [Option<f64>; 2]) -> String {
     match pair {
         [Some(a), Some(b)] if a > 0.0 && b > 0.0 => {
             format!("{}, {} x as fast", percent(Some(b / a)), number(a / b, 3))
         }
         _ => "-".into(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn log(start: f64, steps: &[(f64, f64)], ended: bool) -> Log {
-        let clock = |(time, processor): &(f64, f64)| {
-            (*time, Clock { processor: *processor, wall: Some(processor.ceil()) })
-        };
-        Log { path: "log.icoFoam".into(), start, steps: steps.iter().map(clock).collect(), ended }
-    }
-
-    /// The full run goes on to 9 s, the other ends at 3 s: what the full run took for 3 s counts.
-    #[test]
-    fn the_same_span_counts() {
-        let full = log(0.0, &[(1.0, 10.0), (3.0, 30.0), (9.0, 90.0)], true);
-        let hybrid = log(0.0, &[(1.0, 11.0), (3.0, 15.0)], true);
-        let cost = Cost::of_logs(&full, &hybrid, 1.0);
-        assert_eq!(cost.span, Some([0.0, 3.0]));
-        assert_eq!(cost.pairs()[0], [Some(30.0), Some(15.0)]);
-        assert_eq!(cost.pairs()[2], [Some(20.0), Some(4.0)]);
-        assert!(cost.table().to_string().contains("50.0 %, 2.00 x as fast"));
-        // One that began from the full run's fields at 1 s
-        let late = log(1.0, &[(3.0, 5.0)], true);
-        let cost = Cost::of_logs(&full, &late, 1.0);
-        assert_eq!((cost.span, cost.pairs()[0]), (Some([1.0, 3.0]), [Some(20.0), Some(5.0)]));
-    }
-
-    #[test]
-    fn a_run_that_did_not_end_has_no_times() {
-        let full = log(0.0, &[(1.0, 10.0), (9.0, 90.0)], true);
-        let crashed = log(0.0, &[(1.0, 0.8)], false);
-        let cost = Cost::of_logs(&full, &crashed, 0.5);
-        assert_eq!(cost.pairs(), [[None; 2]; 3]);
-        assert!(cost.note().unwrap().contains("no line 'End'"));
-        assert!(!cost.table().to_string().contains(" x "));
     }
 }
