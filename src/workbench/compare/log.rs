@@ -25,38 +25,6 @@ pub struct Log {
     pub ended: bool,
 }
 
-/// What a line of a log is.
-enum Line<'a> {
-    /// A time step begins, s.
-    Begins(f64),
-    /// A time step is done.
-    Done(Clock),
-    /// Anything else, without leading blanks.
-    Other(&'a str),
-}
-
-/// The lines of a log.
-fn lines(text: &str) -> impl Iterator<Item = Line<'_>> {
-    // Newer versions write the unit behind the time: 2s
-    let number = |text: &str| text.split_whitespace().next()?.trim_end_matches('s').parse::<f64>().ok();
-    text.lines().map(str::trim_start).map(move |line| {
-        // solidDisplacementFoam says Iteration
-        let begins = line.strip_prefix("Iteration:");
-        let begins = begins.or_else(|| line.strip_prefix("Time")?.trim_start().strip_prefix('='));
-        if let Some(rest) = begins {
-            return Line::Begins(number(rest).unwrap_or(f64::NAN));
-        }
-        let seconds = |key: &str| {
-            let rest = line[line.find(key)? + key.len()..].trim_start();
-            number(rest.strip_prefix('=')?)
-        };
-        match (line.starts_with("ExecutionTime"), seconds("ExecutionTime")) {
-            (true, Some(processor)) => Line::Done(Clock { processor, wall: seconds("ClockTime") }),
-            _ => Line::Other(line),
-        }
-    })
-}
-
 impl Log {
     /// Reads `log.APPLICATION` of a case; none where there is no such log, or no step in it.
     pub fn read(case: &Path, application: &str) -> Option<Self> {
@@ -69,34 +37,37 @@ impl Log {
     }
 
     fn parse(path: PathBuf, text: &str) -> Option<Self> {
+        // Newer versions write the unit behind the time: 2s
+        let number = |text: &str| text.split_whitespace().next()?.trim_end_matches('s').parse::<f64>().ok();
         let (mut time, mut said, mut ended) = (f64::NEG_INFINITY, None, false);
         let (mut steps, mut before): (Vec<(f64, Clock)>, _) = (Vec::new(), Clock::default());
-        let mut last = Clock::default();
-        for line in lines(text) {
-            match line {
-                Line::Begins(t) if t.is_finite() => (time, ended) = (t, false),
-                Line::Begins(_) => {}
-                Line::Done(clock) => {
-                    // Another process goes on in the same log
-                    if clock.processor < last.processor {
-                        before = steps.last().map_or(before, |s| s.1);
-                    }
-                    last = clock;
-                    steps.push((
-                        time,
-                        Clock {
-                            processor: before.processor + clock.processor,
-                            wall: clock.wall.map(|w| before.wall.unwrap_or(0.0) + w),
-                        },
-                    ));
-                }
-                Line::Other(line) => {
-                    if let Some(rest) = line.strip_prefix("Create mesh for time =") {
-                        said = said.or_else(|| rest.trim().parse().ok());
-                    }
-                    ended |= line.trim_end() == "End";
-                }
+        let mut last = 0.0;
+        for line in text.lines().map(str::trim) {
+            // solidDisplacementFoam says Iteration
+            let begins = line.strip_prefix("Iteration:");
+            let begins = begins.or_else(|| line.strip_prefix("Time")?.trim_start().strip_prefix('='));
+            if let Some(t) = begins.and_then(number).filter(|t| t.is_finite()) {
+                (time, ended) = (t, false);
             }
+            let seconds = |key: &str| {
+                let rest = line[line.find(key)? + key.len()..].trim_start();
+                number(rest.strip_prefix('=')?)
+            };
+            if line.starts_with("ExecutionTime")
+                && let Some(processor) = seconds("ExecutionTime")
+            {
+                // Another process goes on in the same log
+                if processor < last {
+                    before = steps.last().map_or(before, |s| s.1);
+                }
+                last = processor;
+                let wall = seconds("ClockTime").map(|w| before.wall.unwrap_or(0.0) + w);
+                steps.push((time, Clock { processor: before.processor + processor, wall }));
+            }
+            if let Some(rest) = line.strip_prefix("Create mesh for time =") {
+                said = said.or_else(|| rest.trim().parse().ok());
+            }
+            ended |= line == "End";
         }
         let (first, second) = (steps.first()?.0, steps.get(1).map(|s| s.0));
         let start = said.unwrap_or_else(|| first - (second.unwrap_or(first) - first).max(0.0));
