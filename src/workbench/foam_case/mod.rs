@@ -1,8 +1,6 @@
 //! An OpenFOAM case, read and written with OpenFOAM's own libraries through `libm4gn_foam_bridge.so`.
 
-mod body;
 mod fields;
-mod mesh;
 mod solid;
 
 pub use fields::{Source, Stored};
@@ -12,7 +10,10 @@ use crate::foam_bridge;
 use crate::foam_bridge::CaseHandle;
 pub use crate::foam_bridge::LIBRARY;
 use m4gn_base::{Error, Result};
-use m4gn_modes::fem::HostBody;
+use m4gn_mesh::{ElasticModes, Mesh, NodeType};
+use m4gn_model::modal::ModalOptions;
+use m4gn_modes::fem::{self, HostBody};
+use m4gn_parallel::Comm;
 use serde::Deserialize;
 use serde_json::json;
 use std::path::Path;
@@ -134,6 +135,43 @@ impl FoamCase {
     /// What the case holds.
     pub fn description(&self) -> &Description {
         &self.description
+    }
+
+    /// The undecomposed mesh, as the function objects hand it to the core: numbering, coefficients of the case's own Laplacian, node types.
+    ///
+    /// `node_types` gives patches, or groups of patches, their type; the other patches have those of `nodeTypes` in
+    /// the case's function object, and what that leaves is found as the function objects do: from the patch's type,
+    /// and from the U and p of the start time.
+    ///
+    /// # Errors
+    /// OpenFOAM's message for a patch that no node type is found for or that is not handled, by name; a mesh that
+    /// is not whole.
+    pub fn mesh(&mut self, node_types: &[(String, NodeType)]) -> Result<Mesh> {
+        let types: Vec<(&str, &str)> = node_types.iter().map(|(k, t)| (k.as_str(), t.name())).collect();
+        let (mesh, body) = self.handle.mesh(&json!(types))?;
+        self.body = body.map(Box::new);
+        Ok(mesh)
+    }
+
+    /// Modes of the elastic body in the cells, as the function objects make them; none where the case has no
+    /// displacement or its material is not known. After [`FoamCase::mesh`].
+    ///
+    /// # Errors
+    /// As [`fem::modes`].
+    pub fn elastic_modes(&mut self, modal: &ModalOptions) -> Result<Option<ElasticModes>> {
+        let Some(body) = &self.body else { return Ok(None) };
+        let options = fem::Options { modal: modal.clone(), ..body.options.clone() };
+        let found = fem::modes(&body.mesh, &body.materials, &body.fixed, &options, &Comm::serial())?;
+        let cells = body.mesh.cell_points();
+        let mean = |vector: &Vec<[f64; 3]>| {
+            let of_cell = |points: &Vec<usize>| {
+                let sum = |d: usize| points.iter().map(|&p| vector[p][d]).sum::<f64>();
+                [0, 1, 2].map(|d| sum(d) / points.len() as f64)
+            };
+            cells.iter().map(of_cell).collect()
+        };
+        let vectors = found.vectors.iter().map(mean).collect();
+        Ok(Some(ElasticModes { vectors, eigenvalues: found.eigenvalues }))
     }
 
     /// Centres of the cells, m.
