@@ -82,7 +82,7 @@ fn gradient(rows: &[Row], t: &TrainingConfig) -> Option<String> {
 /// Validations that are all worse than an earlier one.
 fn validation(rows: &[Row], t: &TrainingConfig) -> Option<String> {
     let (count, factor) = WORSE;
-    let validation = |row: &Row| Some((row.step, row.validation.as_ref()?.score()));
+    let validation = |row: &Row| Some((row.step, row.validations.first()?.score()));
     let scores: Vec<(u64, f64)> = rows.iter().filter_map(validation).collect();
     let (before, last) = scores.split_at(scores.len().checked_sub(count)?);
     let best = before.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -122,12 +122,11 @@ mod tests {
             loss,
             losses: vec![loss],
             gradient,
-            others: Vec::new(),
-            validation: score.map(|score| Validation {
+            validations: Vec::from_iter(score.map(|score| Validation {
                 rmse_1: [1.0, 1.0],
                 rmse_horizon: [score, 1.0],
                 rmse_all: [score, 1.0],
-            }),
+            })),
         }
     }
 

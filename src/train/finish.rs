@@ -27,10 +27,12 @@ impl Trainer<'_> {
         Model { spec, tensors }.write(&self.request.out)
     }
 
-    /// Writes a checkpoint, if all in it is finite and its weights give a finite loss: the last update can have been
-    /// the one too many. Collective.
+    /// Writes a checkpoint, if all in it is finite and its weights give a finite loss and gradient, by the batch of the
+    /// next step: the last update can have been the one too many. Collective.
     pub(super) fn save(&mut self) -> Result<()> {
-        self.probe()?;
+        if self.learns(self.progress.step) {
+            self.learn(self.progress.step)?;
+        }
         self.progress.seconds = self.seconds();
         if !self.comm.is_root() {
             return self.comm.agree(Ok(()));

@@ -99,10 +99,8 @@ pub struct Row {
     pub losses: Vec<f64>,
     /// Mean norm of the gradient.
     pub gradient: f64,
-    /// The validation at this step, of the first predicted field.
-    pub validation: Option<Validation>,
-    /// And of the others.
-    pub others: Vec<Validation>,
+    /// The validation at this step, of each predicted field; none where there was no validation.
+    pub validations: Vec<Validation>,
 }
 
 impl Row {
@@ -113,7 +111,7 @@ impl Row {
         let (numbers, validations) = cells.split_at_checked(6 + fields).filter(|_| whole)?;
         let number = |i: usize| numbers[i].parse::<f64>().ok();
         let validated = !validations.iter().all(|v| v.is_empty());
-        let mut validations = match validated {
+        let validations = match validated {
             true => validations.as_chunks().0.iter().map(Validation::of_row).collect::<Option<Vec<_>>>()?,
             false => Vec::new(),
         };
@@ -125,8 +123,7 @@ impl Row {
             loss: number(4)?,
             losses: (5..5 + fields).map(number).collect::<Option<_>>()?,
             gradient: number(5 + fields)?,
-            others: validations.split_off(validations.len().min(1)),
-            validation: validations.pop(),
+            validations,
         })
     }
 }
@@ -183,8 +180,7 @@ impl Journal {
     pub fn append(&mut self, row: &Row) -> Result<()> {
         self.rows.push(row.clone());
         let losses: Vec<String> = row.losses.iter().map(|l| format!("{l:.6e}")).collect();
-        let mut errors: Vec<String> =
-            row.validation.iter().chain(&row.others).copied().flat_map(Validation::to_row).collect();
+        let mut errors: Vec<String> = row.validations.iter().copied().flat_map(Validation::to_row).collect();
         errors.resize(ERRORS.len() * self.fields, String::new());
         let validation = errors.join(",");
         writeln!(
@@ -215,8 +211,7 @@ mod tests {
             loss: 0.25,
             losses: vec![0.125, 0.0625],
             gradient: 1.0,
-            others: validation.into_iter().collect(),
-            validation,
+            validations: validation.map_or(Vec::new(), |v| vec![v; 2]),
         }
     }
 

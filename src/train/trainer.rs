@@ -190,16 +190,13 @@ impl Trainer<'_> {
             }
             let step = self.progress.step;
             // The clocks of ranks differ; the first one's counts.
-            let mut late = [i64::from(
-                self.comm.is_root() && t.max_minutes.is_some_and(|most| self.seconds() >= 60.0 * most),
-            )];
-            self.comm.max_i64(&mut late);
-            let out_of_time = late[0] != 0;
+            let late = t.max_minutes.is_some_and(|most| self.seconds() >= 60.0 * most);
+            let out_of_time = self.comm.any(self.comm.is_root() && late);
             let last = step == t.steps || out_of_time;
             let validated = last || step.is_multiple_of(t.validation_interval);
-            let validation = if validated { self.validate(report)? } else { Vec::new() };
+            let validations = if validated { self.validate(report)? } else { Vec::new() };
             if validated || step.is_multiple_of(t.log_interval) {
-                let row = self.row(validation);
+                let row = self.row(validations);
                 let written = journal.as_mut().map_or(Ok(()), |journal| journal.append(&row));
                 self.comm.agree(written)?;
                 report.row(&row, &self.predicted().collect::<Vec<_>>());
@@ -228,7 +225,7 @@ impl Trainer<'_> {
     }
 
     /// Loss and gradient of the batch of a step, of all ranks together. Collective.
-    fn learn(&mut self, step: u64) -> Result<Learned> {
+    pub(super) fn learn(&mut self, step: u64) -> Result<Learned> {
         let t = &self.config.training;
         // Random numbers belong to the step, not to a stream that would have to be saved.
         let mut rng = ChaCha8Rng::seed_from_u64(t.seed);
@@ -281,19 +278,8 @@ impl Trainer<'_> {
     }
 
     /// Whether a step changes the weights, or only accumulates normalisers.
-    fn learns(&self, step: u64) -> bool {
+    pub(super) fn learns(&self, step: u64) -> bool {
         self.frozen || step >= self.config.training.normaliser_warmup
-    }
-
-    /// Whether the weights give a finite loss and gradient, by the batch of the next step. Collective.
-    ///
-    /// # Errors
-    /// [`Error::Numerical`] where they do not.
-    pub(super) fn probe(&mut self) -> Result<()> {
-        match self.learns(self.progress.step) {
-            true => self.learn(self.progress.step).map(|_| ()),
-            false => Ok(()),
-        }
     }
 
     /// One step: a batch, its gradient, an update.
@@ -335,7 +321,7 @@ impl Trainer<'_> {
     }
 
     /// The log row of the interval that ends here.
-    fn row(&mut self, mut validations: Vec<Validation>) -> Row {
+    fn row(&mut self, validations: Vec<Validation>) -> Row {
         let seconds = self.seconds();
         let (rows, loss, gradient, sums) = std::mem::take(&mut self.progress.interval);
         let n = rows.max(1) as f64;
@@ -348,8 +334,7 @@ impl Trainer<'_> {
             loss: loss / n,
             losses: (0..outputs).map(|i| sums.get(i).map_or(0.0, |s| s / n)).collect(),
             gradient: gradient / n,
-            others: validations.split_off(validations.len().min(1)),
-            validation: validations.pop(),
+            validations,
         }
     }
 
