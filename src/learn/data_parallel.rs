@@ -45,34 +45,15 @@ pub fn roll_out_together(
     plan: &[Rollout],
     fields: usize,
 ) -> Result<Vec<Vec<[f64; 2]>>> {
-    let outcomes = comm.agree(backend.roll_out(weights, normaliser, &own_share(comm, plan)))?;
-    let own = outcomes.into_iter().map(|errors| errors.as_flattened().to_vec());
-    let rows = plan.iter().map(|rollout| rollout.steps * fields);
-    let flat = gather_shares(comm, rows.clone().map(|n| 2 * n), own);
-    let mut pairs = flat.as_chunks().0.iter().copied();
-    Ok(rows.map(|n| pairs.by_ref().take(n).collect()).collect())
-}
-
-/// This rank's share of a plan: every so many-th of its parts as there are ranks.
-pub fn own_share<T: Copy>(comm: &Comm, plan: &[T]) -> Vec<T> {
     let (rank, size) = (comm.rank() as usize, comm.size() as usize);
-    plan.iter().skip(rank).step_by(size).copied().collect()
-}
-
-/// The numbers of all parts of a plan, one part after the other, of which each rank has those of its [`own_share`]; `lengths` are
-/// how many numbers each part has. The same on all ranks. Collective.
-pub fn gather_shares(
-    comm: &Comm,
-    lengths: impl Iterator<Item = usize>,
-    mut own: impl Iterator<Item = Vec<f64>>,
-) -> Vec<f64> {
-    let (rank, size) = (comm.rank() as usize, comm.size() as usize);
+    let share: Vec<Rollout> = plan.iter().skip(rank).step_by(size).copied().collect();
+    let mut own = comm.agree(backend.roll_out(weights, normaliser, &share))?.into_iter();
     // Each number is one rank's, and 0 on the others.
-    let part = |(i, length): (usize, usize)| match i % size == rank {
+    let part = |(i, rollout): (usize, &Rollout)| match i % size == rank {
         true => own.next().unwrap_or_default(),
-        false => vec![0.0; length],
+        false => vec![[0.0; 2]; rollout.steps * fields],
     };
-    let mut flat: Vec<f64> = lengths.enumerate().flat_map(part).collect();
-    comm.sum_f64(&mut flat);
-    flat
+    let mut all: Vec<Vec<[f64; 2]>> = plan.iter().enumerate().map(part).collect();
+    all.iter_mut().for_each(|errors| comm.sum_f64(errors.as_flattened_mut()));
+    Ok(all)
 }
