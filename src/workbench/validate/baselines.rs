@@ -35,10 +35,10 @@ fn row(
 ) -> Prediction {
     let errors = |k: usize, state: State| -> Vec<SquaredError> {
         let error = |i| scene.error(k, &state(k, i), i + 1);
-        (0..scene.pace().steps).map(error).collect()
+        (0..scene.pace.steps).map(error).collect()
     };
-    let fields =
-        (0..scene.n_fields()).map(|k| FieldErrors { single: errors(k, single), rollout: errors(k, rollout) });
+    let fields = (0..scene.tracks.len())
+        .map(|k| FieldErrors { single: errors(k, single), rollout: errors(k, rollout) });
     Prediction { key, name, fields: fields.collect(), ..Prediction::default() }
 }
 
@@ -64,18 +64,18 @@ fn extrapolation(scene: &Scene) -> Result<Prediction> {
 /// A surrogate that is fitted to the frames before (higher-order dynamic mode decomposition), a stride ahead; where they are too few for
 /// a fit, the last one is held. A rollout from the first frame has no history to be fitted to.
 fn dmd(scene: &Scene) -> Result<Prediction> {
-    let pace = scene.pace();
+    let pace = scene.pace;
     let stride = pace.interval * pace.frames as f64;
     // A trajectory has no jumps, whose first states a longer window would leave behind.
     let fit = FitSettings { min_snapshots: 24, ..FitSettings::default() };
     let every = fit.hold_out;
     let settings = Settings { interval: stride, storage: Storage::Single, fit, held: 0, rest: Vec::new() };
     let fields =
-        (0..scene.n_fields()).map(|k| Array::solved(&k.to_string(), scene.width(k), scene.volumes()));
+        (0..scene.tracks.len()).map(|k| Array::solved(&k.to_string(), scene.width(k), scene.volumes()));
     let mut fitted = OnlineDmd::new(&Comm::serial(), fields.collect(), settings)?;
-    let mut errors = vec![FieldErrors::default(); scene.n_fields()];
+    let mut errors = vec![FieldErrors::default(); scene.tracks.len()];
     for i in 0..pace.steps {
-        let state: Vec<&[f64]> = (0..scene.n_fields()).map(|k| scene.truth(k, i)).collect();
+        let state: Vec<&[f64]> = (0..scene.tracks.len()).map(|k| scene.truth(k, i)).collect();
         fitted.offer(i as f64 * stride, stride, &state)?;
         if i % every == 0 {
             fitted.fit();
@@ -100,7 +100,7 @@ fn dmd(scene: &Scene) -> Result<Prediction> {
 /// The first frame; of single steps, which start anew each time, persistence.
 fn hold_first(scene: &Scene) -> Result<Prediction> {
     let (last, first) = (|k, i| Cow::Borrowed(scene.truth(k, i)), |k, _| Cow::Borrowed(scene.truth(k, 0)));
-    let quality = (1..=scene.pace().steps).map(|frame| scene.quality(scene.truth(0, 0), frame));
+    let quality = (1..=scene.pace.steps).map(|frame| scene.quality(scene.truth(0, 0), frame));
     Ok(Prediction {
         quality: quality.collect::<Result<Option<Vec<_>>>>()?,
         phase_free: scene.phase_free(scene.truth(0, 0)),

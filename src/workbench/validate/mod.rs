@@ -11,7 +11,7 @@
 //!
 //! Beside the model stand predictions that know nothing (`baselines`). Of a domain with elements there are mesh
 //! metrics as well ([`m4gn_domain::body::quality`], means over the steps of the rollout) and, where an obstacle may touch it, gaps
-//! (the smallest of all steps, in mean edges): see [`Shape`].
+//! (the smallest of all steps, in mean edges).
 
 mod baselines;
 pub mod pace;
@@ -25,7 +25,6 @@ pub use pace::Pace;
 pub use prediction::{FieldErrors, Keep, Prediction};
 pub use scene::{Given, Scene, Step, predicted};
 pub use series::write as write_series;
-pub use shape::Shape;
 pub use summary::{Row, Summary, headline, json, summaries};
 
 use m4gn_base::{Error, Result, listed};
@@ -86,7 +85,7 @@ impl Case {
     ) -> Result<Self> {
         let mut predictions = vec![prediction];
         predictions.extend(baselines::all(scene)?);
-        let pace = scene.pace();
+        let pace = scene.pace;
         let names = predicted(fields).into_iter();
         Ok(Case {
             path: trajectory.path().to_path_buf(),
@@ -236,7 +235,7 @@ pub fn run(
     let mut outside = Vec::new();
     let mut prediction = {
         let mut step = stepper(&mut session, trajectory, &mut outside);
-        scene.predict(("model", "model"), seen, &mut step, progress)?
+        scene.predict(seen, &mut step, progress)?
     };
     prediction.over_segments = scene.over_segments(&prediction.kept, &node_segment);
     if keep == Keep::Nothing {

@@ -33,7 +33,7 @@ pub type Step<'a> = dyn FnMut(&[Field], &mut [FieldMut], Given) -> Result<()> + 
 pub type Values = (Vec<f64>, Vec<f64>);
 
 /// A field of the model on the trajectory.
-struct Track {
+pub(super) struct Track {
     spec: FieldSpec,
     /// Values a row as a session takes them: 3 or 1.
     width: usize,
@@ -47,9 +47,10 @@ struct Track {
 /// A trajectory's recorded frames at a stride.
 pub struct Scene<'a> {
     mesh: &'a Mesh,
-    pace: Pace,
+    /// How the frames and the stride fit.
+    pub(super) pace: Pace,
     /// The predicted fields, the headline first.
-    tracks: Vec<Track>,
+    pub(super) tracks: Vec<Track>,
     /// Fields that the model reads and does not predict: in a rollout they are as recorded.
     given: Vec<Track>,
     /// Displacement of the obstacle's points, m; empty without obstacle.
@@ -157,16 +158,6 @@ impl<'a> Scene<'a> {
         self.tracks.iter().map(|t| at(&t.recorded, frame).clone()).collect()
     }
 
-    /// How the frames and the stride fit.
-    pub fn pace(&self) -> Pace {
-        self.pace
-    }
-
-    /// What is measured of the shape of a domain with elements.
-    pub fn shape(&self) -> Option<&Shape<'a>> {
-        self.shape.as_ref()
-    }
-
     /// Recorded values of predicted field `k` at the nodes at the end of step `frame`; 0: the first frame.
     pub fn truth(&self, k: usize, frame: usize) -> &[f64] {
         &self.tracks[k].recorded[frame].0
@@ -261,11 +252,6 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Number of the predicted fields.
-    pub(super) fn n_fields(&self) -> usize {
-        self.tracks.len()
-    }
-
     pub(super) fn quality(&self, found: &[f64], frame: usize) -> Result<Option<Quality>> {
         let shape = self.shape.as_ref();
         shape.map(|s| s.quality(self.truth(0, frame), found)).transpose()
@@ -285,21 +271,20 @@ impl<'a> Scene<'a> {
         (1..=self.pace.steps).filter_map(gap).collect()
     }
 
-    /// Scores what `step` predicts. `progress` is called after each step, and ends the run with an error of its own.
+    /// Scores what `step`, a model's, predicts. `progress` is called after each step, and ends the run with an error of its own.
     ///
     /// # Errors
     /// When a single step fails. A rollout that becomes non-finite is no error but noted.
     pub fn predict(
         &self,
-        (key, name): (&'static str, &'static str),
         keep: Keep,
         step: &mut Step,
         progress: &mut dyn FnMut() -> Result<()>,
     ) -> Result<Prediction> {
         let steps = self.pace.steps;
         let mut p = Prediction {
-            key,
-            name,
+            key: "model",
+            name: "model",
             fields: vec![FieldErrors::default(); self.tracks.len()],
             quality: self.shape.as_ref().map(|_| Vec::new()),
             ..Prediction::default()

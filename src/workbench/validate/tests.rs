@@ -196,7 +196,7 @@ fn known(stride: f64, mut wrong: impl FnMut(&mut [f64], &Trajectory) -> Result<(
         calls += 1;
         Ok(())
     };
-    let model = scene.predict(("model", "model"), Keep::All, &mut step, &mut count);
+    let model = scene.predict(Keep::All, &mut step, &mut count);
     assert!(calls <= steps(pace));
     let mut case = Case::of(&t, &scene, &fields, None, model.unwrap()).unwrap();
     case.solver = Some(0.5);
@@ -510,7 +510,7 @@ fn fields_that_are_read_and_not_predicted_are_those_of_the_record() {
         Ok(())
     };
     let scene = Scene::read(&t, &spec.fields, pace).unwrap();
-    scene.predict(("model", "model"), Keep::Shown, &mut step, &mut || Ok(())).unwrap();
+    scene.predict(Keep::Shown, &mut step, &mut || Ok(())).unwrap();
     // Single steps, then the rollout
     assert_eq!(seen.len(), 2 * pace.steps);
     for ((components, cells, boundary), frame) in seen.iter().zip(frames[..pace.steps].iter().cycle()) {
