@@ -24,7 +24,6 @@ fn spec(line: &str, mesh: &Mesh) -> Result<SegmentSpec> {
 #[test]
 fn bad_usage() {
     for (line, text) in [
-        ("case --segments 0", "expected a number from 1"),
         ("case --segments 99999", "8192"),
         ("case --method slick", "expected one of metis, slic"),
         ("case --node-type cylinder", "PATCH=TYPE"),
@@ -41,7 +40,7 @@ fn bad_usage() {
 }
 
 #[test]
-fn entries_and_what_a_mesh_refuses() {
+fn entries_are_the_commands_own_or_those_of_a_dictionary() {
     let mesh = sample::rectangle(10, 10, 1.0, 1.0);
     let s = spec("case", &mesh).unwrap();
     assert_eq!((s.count, s.method, s.modes), (36, SegmentMethod::Slic, 6));
@@ -50,21 +49,6 @@ fn entries_and_what_a_mesh_refuses() {
     assert_eq!((s.count, s.method, s.connected), (16, SegmentMethod::Metis, false));
     assert_eq!((s.tau, s.size), (0.5, Some(0.1)));
     assert!(spec("case --set taw=1", &mesh).unwrap_err().to_string().contains("is tau meant?"));
-    let error = spec("case --segments 101", &mesh).unwrap_err().to_string();
-    assert!(error.contains("101 segments for 100 cells: expected 1 to 100"), "{error}");
-    assert!(spec("case --set tau=-1", &mesh).is_err());
-    let error = spec(r#"case --set obstacles=["wing"]"#, &mesh).unwrap_err().to_string();
-    assert!(error.contains("wing is no patch"), "{error}");
-}
-
-#[test]
-fn two_cells_have_one_mode() {
-    let mesh = sample::chain(2, 1.0);
-    let s = spec("case --segments 2", &mesh).unwrap();
-    assert_eq!(s.modes, 1);
-    // Who asks for more is told.
-    let error = spec("case --segments 2 --modes 2", &mesh).unwrap_err().to_string();
-    assert!(error.contains("2 modes of 2 cells: expected at most 1"), "{error}");
 }
 
 /// A chain of four cells with two segments, known on paper: one of three edges is cut, and each segment has a volume of 3
