@@ -14,22 +14,9 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Default)]
 pub(super) struct Checked {
     /// Configuration and number of weights of each network on each data set.
-    configs: BTreeMap<(String, String), (String, u64)>,
+    pub(super) configs: BTreeMap<(String, String), (String, u64)>,
     /// Digest of the content of each data set.
-    data: BTreeMap<PathBuf, String>,
-}
-
-impl Checked {
-    /// The configuration of a network on a data set, and its number of weights.
-    pub(super) fn config(&self, data: &Data, network: &Network) -> (&str, u64) {
-        let found = self.configs.get(&(data.name.clone(), network.name.clone()));
-        found.map_or(("", 0), |(text, weights)| (text, *weights))
-    }
-
-    /// The digest of a data set.
-    pub(super) fn data(&self, path: &Path) -> &str {
-        self.data.get(path).map_or("", |digest| digest)
-    }
+    pub(super) data: BTreeMap<PathBuf, String>,
 }
 
 /// Checks each configuration against its data sets: that there are trajectories to learn from and to test on, with the fields, directions, node types and

@@ -18,8 +18,8 @@ pub(super) struct Job<'a> {
     network: &'a Network,
     seed: u64,
     place: PathBuf,
-    config: &'a str,
-    weights: u64,
+    /// Its configuration, and the number of its weights.
+    config: &'a (String, u64),
     /// What it is made from: names and digests, a line each.
     made_from: String,
     /// What of that is another than that of what is there.
@@ -48,9 +48,9 @@ impl<'a> Job<'a> {
     ) -> Result<Self> {
         let place = folder.join(&data.name).join(&network.name).join(seed.to_string());
         fs::create_dir_all(&place).map_err(|e| Error::file(&place, format!("cannot be made: {e}")))?;
-        let (config, weights) = checked.config(data, network);
+        let config = &checked.configs[&(data.name.clone(), network.name.clone())];
         let mut job = Job {
-            made_from: made_from(plan, seed, config, checked.data(&data.train)),
+            made_from: made_from(plan, seed, &config.0, &checked.data[&data.train]),
             differs: None,
             tests: Vec::new(),
             plan,
@@ -59,7 +59,6 @@ impl<'a> Job<'a> {
             seed,
             place,
             config,
-            weights,
         };
         files::check_writable(&job.at("made-from"))?;
         let before = fs::read_to_string(job.at("made-from")).unwrap_or_default();
@@ -71,8 +70,7 @@ impl<'a> Job<'a> {
         for test in data.tests().iter() {
             for count in std::iter::once(None).chain(network.segments.iter().map(|&n| Some(n))) {
                 let mut digest = Digest::default();
-                let parts =
-                    [&job.made_from[..], checked.data(&test.data), &test.split, &format!("{count:?}")];
+                let parts = [&job.made_from, &checked.data[&test.data], &test.split, &format!("{count:?}")];
                 parts.iter().for_each(|part| digest.add("", part.as_bytes()));
                 let mut validation =
                     Validation { test: test.clone(), count, made_from: digest.text(), figures: None };
@@ -105,7 +103,7 @@ impl<'a> Job<'a> {
         match self.differs.is_none() && self.at("train.json").is_file() {
             true => 0,
             // A model, and a checkpoint of weights, two moments, average and best ones, twice while it is replaced.
-            false => self.weights.saturating_mul(4 * (1 + 2 * 5)),
+            false => self.config.1.saturating_mul(4 * (1 + 2 * 5)),
         }
     }
 
@@ -119,7 +117,7 @@ impl<'a> Job<'a> {
         }
         let at = |name: &str| self.at(name);
         if !at("train.json").is_file() {
-            files::write_whole(&at("config.toml"), self.config.as_bytes())?;
+            files::write_whole(&at("config.toml"), self.config.0.as_bytes())?;
             files::write_whole(&at("made-from"), self.made_from.as_bytes())?;
             let mut train =
                 words("train --config config.toml --out model.safetensors --json train.json --resume");
