@@ -194,23 +194,18 @@ impl Forces {
 
     /// Drag and lift of both runs in the tables of a function object that looks at the patch alone, and its name.
     fn tabled(&self, cases: [&Description; 2]) -> Option<(String, [[Series; 2]; 2])> {
-        let on_patch = |f: &&FunctionObject| f.patches[..] == [self.patch.clone()];
-        let read = |object: &FunctionObject, file: &str| {
-            let [a, b] = cases.map(|c| Table::read(Path::new(&c.path), &object.name, file));
-            Some([a?, b?])
+        let r = &self.reference;
+        let find = |kind: &str, file: &str, of: &dyn Fn(&Table, &FunctionObject) -> Option<[Series; 2]>| {
+            common(cases, &[kind]).filter(|f| f.patches[..] == [self.patch.clone()]).find_map(|object| {
+                let [a, b] = cases.map(|c| of(&Table::read(Path::new(&c.path), &object.name, file)?, object));
+                Some((object.name.clone(), [a?, b?]))
+            })
         };
-        let of_coefficients = common(cases, &["forceCoeffs"]).filter(on_patch).find_map(|object| {
-            let [a, b] = read(object, "coefficient.dat")?;
-            Some((object.name.clone(), [a.coefficients()?, b.coefficients()?]))
-        });
-        of_coefficients.or_else(|| {
-            common(cases, &["forces"]).filter(on_patch).find_map(|object| {
-                let r = &self.reference;
+        find("forceCoeffs", "coefficient.dat", &|table, _| table.coefficients()).or_else(|| {
+            find("forces", "force.dat", &|table, object| {
                 let scale = object.density? * 0.5 * r.speed * r.speed * r.area;
-                let along = |table: &Table, n: [f64; 3]| table.force(n.map(|d| d / scale));
-                let both = |t: &Table| Some([along(t, r.drag_direction)?, along(t, r.lift_direction)?]);
-                let [a, b] = read(object, "force.dat")?;
-                Some((object.name.clone(), [both(&a)?, both(&b)?]))
+                let along = |n: [f64; 3]| table.force(n.map(|d| d / scale));
+                Some([along(r.drag_direction)?, along(r.lift_direction)?])
             })
         })
     }
@@ -220,17 +215,12 @@ impl Forces {
         let time = self.reference.length / self.reference.speed;
         let of = |values: &[f64]| Series { times: times.to_vec(), values: values.to_vec() };
         let stored = || [[of(&self.drag_a), of(&self.lift_a)], [of(&self.drag_b), of(&self.lift_b)]];
-        let (table, [a, b]) = match self.tabled(cases) {
-            Some((name, both)) => (Some(name), both),
-            None => (None, stored()),
-        };
+        let (table, tabled) = self.tabled(cases).unzip();
+        let [[drag_a, lift_a], [drag_b, lift_b]] = tabled.unwrap_or_else(stored);
         // A signal that is faster than half of its samples is taken for a slower one
         let longest = if table.is_some() { f64::INFINITY } else { 0.5 * time / LEAST_STROUHAL };
-        let [drag_a, lift_a] = a;
-        let [drag_b, lift_b] = b;
-        let span = [takeover, f64::INFINITY];
-        let drag = over([drag_a, drag_b], span, longest);
-        let lift = over([lift_a, lift_b], span, longest);
+        let drag = over([drag_a, drag_b], takeover, longest);
+        let lift = over([lift_a, lift_b], takeover, longest);
         self.table = table;
         self.mean_drag = drag.map(|s| s.mean);
         self.lift_rms = lift.map(|s| s.rms);

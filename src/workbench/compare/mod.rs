@@ -238,7 +238,7 @@ pub fn compare(
         forces,
         no_forces,
         phase_free,
-        probes: tables::probes([a.description(), b.description()], [takeover, f64::INFINITY]),
+        probes: tables::probes([a.description(), b.description()], takeover),
         motion,
         reaction: reaction.map(reaction::Track::finish),
         cost: Cost::of(a, b, takeover, options),

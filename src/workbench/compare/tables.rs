@@ -8,6 +8,7 @@ use m4gn_averages::table::{names, parts, starts};
 use m4gn_base::files;
 use m4gn_report::percent;
 use serde::Serialize;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Folder of a case that has them.
@@ -39,16 +40,15 @@ impl Table {
     }
 
     fn parse(text: &str) -> Table {
-        let words = |line: &str| -> Vec<String> {
-            line.replace(['(', ')'], " ").split_whitespace().map(String::from).collect()
+        let numbers = |line: &str| -> Option<Vec<f64>> {
+            let words = line.split(|c: char| c.is_whitespace() || "()".contains(c)).filter(|w| !w.is_empty());
+            words.map(|w| w.parse().ok()).collect()
         };
         // The last line of a run that was killed may be cut
         let text = text.rfind('\n').map_or("", |end| &text[..end]);
         let mut heads = text.lines().filter_map(|line| line.strip_prefix('#'));
         let head = heads.rfind(|head| head.split_whitespace().next() == Some("Time")).unwrap_or_default();
-        let rows = text.lines().filter(|line| !line.starts_with('#'));
-        let rows =
-            rows.filter_map(|line| words(line).iter().map(|w| w.parse().ok()).collect::<Option<Vec<f64>>>());
+        let rows = text.lines().filter(|line| !line.starts_with('#')).filter_map(numbers);
         let mut rows: Vec<Vec<f64>> = rows.filter(|row| row.len() > 1 && row[0].is_finite()).collect();
         let width = rows.first().map_or(0, Vec::len);
         rows.retain(|row| row.len() == width);
@@ -57,33 +57,31 @@ impl Table {
         Table { columns, rows }
     }
 
-    /// The values of a column.
-    pub fn column(&self, number: usize) -> Series {
-        let rows = || self.rows.iter().filter(|row| row[number].is_finite());
-        Series { times: rows().map(|row| row[0]).collect(), values: rows().map(|row| row[number]).collect() }
+    /// What is finite of a figure of each row.
+    fn series(&self, of: impl Fn(&[f64]) -> f64) -> Series {
+        let all = self.rows.iter().map(|row| (row[0], of(row)));
+        let (times, values) = all.filter(|(_, value)| value.is_finite()).unzip();
+        Series { times, values }
     }
 
-    /// The column of one of these names.
-    fn place(&self, names: &[&str]) -> Option<usize> {
-        self.columns.iter().position(|c| names.contains(&c.as_str()))
+    /// The values of a column.
+    pub fn column(&self, number: usize) -> Series {
+        self.series(|row| row[number])
+    }
+
+    fn place(&self, name: &str) -> Option<usize> {
+        self.columns.iter().position(|c| c == name)
     }
 
     /// Drag and lift coefficient, of the function object `forceCoeffs`.
     pub fn coefficients(&self) -> Option<[Series; 2]> {
-        Some([self.column(self.place(&["Cd"])?), self.column(self.place(&["Cl"])?)])
+        Some([self.column(self.place("Cd")?), self.column(self.place("Cl")?)])
     }
 
     /// The whole force along a direction, of the function object `forces`.
     pub fn force(&self, along: [f64; 3]) -> Option<Series> {
-        let x = self.place(&["total_x"])?;
-        if self.rows.first()?.len() < x + 3 {
-            return None;
-        }
-        let dot = |row: &Vec<f64>| (0..3).map(|d| row[x + d] * along[d]).sum();
-        Some(Series {
-            times: self.rows.iter().map(|row| row[0]).collect(),
-            values: self.rows.iter().map(dot).collect(),
-        })
+        let x = self.place("total_x").filter(|x| x + 3 <= self.columns.len())?;
+        Some(self.series(|row| (0..3).map(|d| row[x + d] * along[d]).sum()))
     }
 }
 
@@ -109,18 +107,16 @@ pub struct Probe {
     pub statistics: [Statistics; 2],
 }
 
-/// All columns of all tables of probes that both runs have, over this time, s.
-pub(super) fn probes(cases: [&Description; 2], [from, to]: [f64; 2]) -> Vec<Probe> {
+/// All columns of all tables of probes that both runs have, from this time on, s.
+pub(super) fn probes(cases: [&Description; 2], from: f64) -> Vec<Probe> {
     let mut found = Vec::new();
     for object in common(cases, &["probes", "patchProbes"]) {
         let paths = cases.map(|c| Path::new(&c.path));
         let folder = paths[0].join(TABLES).join(&object.name);
-        let mut fields: Vec<String> = starts(&folder)
+        let fields: BTreeSet<String> = starts(&folder)
             .iter()
             .flat_map(|start| user_case::names(&folder.join(start)).unwrap_or_default())
             .collect();
-        fields.sort();
-        fields.dedup();
         for field in fields {
             let [Some(a), Some(b)] = paths.map(|path| Table::read(path, &object.name, &field)) else {
                 continue;
@@ -129,8 +125,7 @@ pub(super) fn probes(cases: [&Description; 2], [from, to]: [f64; 2]) -> Vec<Prob
                 continue;
             }
             for column in 1..a.rows[0].len() {
-                let all = [&a, &b].map(|table| table.column(column));
-                let statistics = over(all, [from, to], f64::INFINITY);
+                let statistics = over([&a, &b].map(|table| table.column(column)), from, f64::INFINITY);
                 found.push(Probe { object: object.name.clone(), field: field.clone(), column, statistics });
             }
         }
@@ -138,10 +133,9 @@ pub(super) fn probes(cases: [&Description; 2], [from, to]: [f64; 2]) -> Vec<Prob
     found
 }
 
-/// What is told of both runs over the time that both have of this one, s.
-pub(super) fn over(both: [Series; 2], [from, to]: [f64; 2], longest: f64) -> [Statistics; 2] {
-    let ends = both.each_ref().map(|s| s.times.last().copied().unwrap_or(to));
-    let to = ends.into_iter().fold(to, f64::min);
+/// What is told of both runs from a time on, s, as long as both go.
+pub(super) fn over(both: [Series; 2], from: f64, longest: f64) -> [Statistics; 2] {
+    let to = both.iter().filter_map(|s| s.times.last().copied()).fold(f64::INFINITY, f64::min);
     both.map(|series| series.between(from, to).statistics(longest))
 }
 
