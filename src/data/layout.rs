@@ -3,7 +3,7 @@
 use super::schema::{NAME, Text, h5_error, h5_text};
 use super::trajectory::TRIANGLES;
 use hdf5::{Dataset, Group};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::body::{BodyShare, Material};
 use ndarray::ArrayView2;
@@ -13,9 +13,7 @@ use std::path::Path;
 pub(super) fn mesh_bytes(mesh: &Mesh) -> Result<u64> {
     let canonical = mesh.cell_global.iter().enumerate().all(|(i, &g)| g == i as i64);
     let boundary = mesh.boundary.iter().enumerate().all(|(i, f)| f.global == i as i64);
-    if !canonical || !boundary {
-        return Err(Error::Internal("a mesh is written that is not in global order".into()));
-    }
+    refuse(!canonical || !boundary, Error::Internal, || "a mesh is written that is not in global order")?;
     let body = mesh.body.as_ref().map_or(0, |b| b.points.len() + b.kind.len());
     let obstacle = mesh.obstacle.as_ref().map_or(0, |o| o.positions.len() + o.triangles.len());
     let rows = mesh.cell_global.len()

@@ -1,7 +1,7 @@
 //! Names, versions and small types that the reader and the writer share.
 
 use hdf5::types::FixedUnicode;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use std::path::Path;
 use std::str::FromStr;
 
@@ -53,13 +53,9 @@ impl FieldMeta {
     /// Refuses names that HDF5 would take for paths.
     pub(super) fn check(&self) -> Result<()> {
         let bad = self.name.is_empty() || self.name == "." || self.name.contains(['/', '\0']);
-        if bad {
-            return Err(Error::Input(format!(
-                "field name {:?} cannot be stored: expected a name without '/'",
-                self.name
-            )));
-        }
-        Ok(())
+        refuse(bad, Error::Input, || {
+            format!("field name {:?} cannot be stored: expected a name without '/'", self.name)
+        })
     }
 }
 

@@ -5,7 +5,7 @@ use super::schema::{FORMAT, FieldMeta, Frame, LONG, NAME, Split, VERSION, h5_err
 use super::space::reserve;
 use super::superblock::clear_open_mark;
 use hdf5::Dataset;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_mesh::Mesh;
 use ndarray::ArrayView1;
 use rustix::fs::FlockOperation;
@@ -186,12 +186,9 @@ impl Writer {
     /// As [`Writer::append`].
     pub fn append_moved(&mut self, time: f64, frames: &[Frame], motion: &[[f32; 3]]) -> Result<()> {
         let open = self.open.as_ref().ok_or_else(|| closed(&self.path))?;
-        if !time.is_finite() || time <= self.last_time {
-            return Err(Error::Input(format!(
-                "frame at {time} s after one at {} s: times must increase",
-                self.last_time
-            )));
-        }
+        refuse(!time.is_finite() || time <= self.last_time, Error::Input, || {
+            format!("frame at {time} s after one at {} s: times must increase", self.last_time)
+        })?;
         open.check(time, frames, motion)?;
         match open.append(&self.path, self.n_frames, time, (frames, motion)) {
             Ok(()) => {
@@ -253,19 +250,12 @@ impl Drop for Writer {
 impl Open {
     fn check(&self, time: f64, frames: &[Frame], motion: &[[f32; 3]]) -> Result<()> {
         let points = self.motion.rows;
-        if motion.len() != points {
-            return Err(Error::Input(format!(
-                "displacement of {} points of an obstacle given, expected {points}",
-                motion.len()
-            )));
-        }
-        if frames.len() != self.fields.len() {
-            return Err(Error::Input(format!(
-                "{} fields given, {} declared",
-                frames.len(),
-                self.fields.len()
-            )));
-        }
+        refuse(motion.len() != points, Error::Input, || {
+            format!("displacement of {} points of an obstacle given, expected {points}", motion.len())
+        })?;
+        refuse(frames.len() != self.fields.len(), Error::Input, || {
+            format!("{} fields given, {} declared", frames.len(), self.fields.len())
+        })?;
         for (field, frame) in self.fields.iter().zip(frames) {
             let name = &field.name;
             let (n, b) = (field.cells.size(), field.boundary.size());

@@ -4,7 +4,7 @@
 //! of states, and single precision is relative to what a field varies by, not to its level.
 
 use crate::sums::{BLOCK, Dot, Storage, Sum, Values, sum_all, weigh};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse, refuse_any};
 use m4gn_parallel::{Comm, same_on_all_ranks};
 use m4gn_state::{Array, Layout, Role};
 use pulp::Arch;
@@ -179,36 +179,20 @@ impl Snapshots {
     }
 
     fn check(&self, number: i64, state: &[&[f64]]) -> Result<()> {
-        if state.len() != self.fields.len() {
-            return Err(Error::Input(format!(
-                "dmd: a state of {} fields: expected {}",
-                state.len(),
-                self.fields.len()
-            )));
-        }
+        refuse(state.len() != self.fields.len(), Error::Input, || {
+            format!("dmd: a state of {} fields: expected {}", state.len(), self.fields.len())
+        })?;
         for (f, x) in self.fields.iter().zip(state) {
-            if x.len() != f.numbers() {
-                return Err(Error::Input(format!(
-                    "dmd: field {}: {} values: expected {}",
-                    f.name,
-                    x.len(),
-                    f.numbers()
-                )));
-            }
-            if let Some(i) = x.iter().position(|v| !v.is_finite()) {
-                return Err(Error::Input(format!(
-                    "dmd: field {}: value {i} is {}: expected finite numbers",
-                    f.name, x[i]
-                )));
-            }
+            refuse(x.len() != f.numbers(), Error::Input, || {
+                format!("dmd: field {}: {} values: expected {}", f.name, x.len(), f.numbers())
+            })?;
+            refuse_any(x.iter().position(|v| !v.is_finite()), Error::Input, |i| {
+                format!("dmd: field {}: value {i} is {}: expected finite numbers", f.name, x[i])
+            })?;
         }
-        match self.entries.last() {
-            Some(last) if last.number >= number => Err(Error::Input(format!(
-                "dmd: state number {number} after {}: expected a later one",
-                last.number
-            ))),
-            _ => Ok(()),
-        }
+        refuse_any(self.entries.last().filter(|last| last.number >= number), Error::Input, |last| {
+            format!("dmd: state number {number} after {}: expected a later one", last.number)
+        })
     }
 
     /// Collective.

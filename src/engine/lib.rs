@@ -177,10 +177,7 @@ fn check_edges(graph: &Graph) -> Result<()> {
         && graph.row.windows(2).all(|w| w[0] <= w[1])
         && (graph.row[0], graph.row[graph.n_owned] as usize) == (0, n_edges)
         && graph.senders.iter().all(|&s| usize::try_from(s).is_ok_and(|s| s < graph.n_local));
-    match whole {
-        true => Ok(()),
-        false => Err(Error::Internal("the graph's edges do not fit its nodes".into())),
-    }
+    refuse(!whole, Error::Internal, || "the graph's edges do not fit its nodes")
 }
 
 #[cfg(test)]

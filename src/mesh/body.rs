@@ -309,9 +309,8 @@ impl Mesh {
 
 impl BodyShare {
     fn check(&self, own: usize, all: usize) -> Result<()> {
-        let expect = |what: &str, found: usize, expected: usize| match found == expected {
-            true => Ok(()),
-            false => Err(Error::Mesh(format!("{what}: expected {expected}, found {found}"))),
+        let expect = |what: &str, found: usize, expected: usize| {
+            refuse(found != expected, Error::Mesh, || format!("{what}: expected {expected}, found {found}"))
         };
         expect("types of the body's points", self.types.len(), own)?;
         expect("materials of the elements", self.material.len(), self.kind.len())?;

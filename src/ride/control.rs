@@ -9,7 +9,7 @@
 
 pub use crate::control_settings::{ControlSettings, OnFailure};
 use crate::surrogate::Growth;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use serde::{Deserialize, Serialize};
 
 /// Of the size of a field the change in a stride above which it is more than rounding.
@@ -325,13 +325,12 @@ impl Control {
     }
 
     fn check(&self, found: usize) -> Result<()> {
-        match found == self.tracks.len() {
-            true => Ok(()),
-            false => Err(Error::Input(format!(
-                "control: expected figures of the {} fields that the model predicts, found {found}",
-                self.tracks.len()
-            ))),
-        }
+        let expected = self.tracks.len();
+        refuse(found != expected, Error::Input, || {
+            format!(
+                "control: expected figures of the {expected} fields that the model predicts, found {found}"
+            )
+        })
     }
 }
 

@@ -1,7 +1,7 @@
 //! What a case sets of the error control of jumps.
 
 use m4gn_base::settings;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use serde::{Deserialize, Serialize};
 
 /// Default of [`ControlSettings::rel_tol`].
@@ -67,24 +67,20 @@ impl ControlSettings {
     /// # Errors
     /// [`Error::Input`] naming the entry, what was found and what is expected.
     pub fn check(&self) -> Result<()> {
-        if !(self.tolerance.is_finite() && self.tolerance > 0.0) {
-            return Err(Error::Input(format!(
-                "control: tolerance {}: expected a relative error above 0, such as 0.05",
-                self.tolerance
-            )));
-        }
-        if self.rel_tol.is_nan() || self.rel_tol <= 0.0 {
-            return Err(Error::Input(format!(
-                "control: relTol {}: expected an error over the solver's own change, above 0, such as 0.2",
-                self.rel_tol
-            )));
-        }
-        if self.patience == 0 {
-            return Err(Error::Input("control: patience 0: expected at least 1 stride".into()));
-        }
-        if self.fields.as_ref().is_some_and(Vec::is_empty) {
-            return Err(Error::Input("control: fields: expected at least one field".into()));
-        }
-        Ok(())
+        refuse(!(self.tolerance.is_finite() && self.tolerance > 0.0), Error::Input, || {
+            format!("control: tolerance {}: expected a relative error above 0, such as 0.05", self.tolerance)
+        })?;
+        refuse(self.rel_tol.is_nan() || self.rel_tol <= 0.0, Error::Input, || {
+            let found = self.rel_tol;
+            format!(
+                "control: relTol {found}: expected an error over the solver's own change, above 0, such as 0.2"
+            )
+        })?;
+        refuse(self.patience == 0, Error::Input, || "control: patience 0: expected at least 1 stride")?;
+        refuse(
+            self.fields.as_ref().is_some_and(Vec::is_empty),
+            Error::Input,
+            || "control: fields: expected at least one field",
+        )
     }
 }

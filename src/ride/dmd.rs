@@ -7,7 +7,7 @@ use crate::registry::Making;
 use crate::schedule::Step;
 use crate::settings::Mode;
 use crate::surrogate::{Description, FitReport, Growth, Resumed, Seen, Start, Surrogate};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_dmd::{Combination, OnlineDmd, Outlook, Restored, Settings, Settle, State, relative};
 use m4gn_state::{Array, Layout, Role, Values};
 use serde::{Deserialize, Serialize};
@@ -396,11 +396,9 @@ impl DmdSurrogate {
 
     /// All arrays of the state so many seconds before the present one of a jump. [`Error::Input`] where nothing was predicted.
     pub(crate) fn earlier(&self, before: f64, out: &mut [&mut [f64]]) -> Result<()> {
-        if !(before.is_finite() && before >= 0.0) {
-            return Err(Error::Input(format!(
-                "dmd: an old level {before} s before the present: expected 0 s or more"
-            )));
-        }
+        refuse(!(before.is_finite() && before >= 0.0), Error::Input, || {
+            format!("dmd: an old level {before} s before the present: expected 0 s or more")
+        })?;
         let present = self.now.offset + self.now.ahead;
         let state = self.later(present - before / self.description.stride);
         let state = state.map_err(|e| Error::Input(format!("dmd: an old level: {e}")))?;

@@ -2,7 +2,7 @@
 
 use crate::dmd::{DmdSurrogate, rounded};
 use crate::ride::Ride;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_dmd::Combination;
 use m4gn_state::{Layout, Place, Role, Values};
 
@@ -43,12 +43,9 @@ impl DmdSurrogate {
             snapshots.comm().sum_f64(&mut sums);
             let variation = self.online.fitted().map_or(0.0, |fit| fit.variation(f));
             let share = (sums[0] / variation.max(1e-12 * sums[1])).sqrt();
-            if sums[0] > 0.0 && share > self.settings.jump_tolerance {
-                return Err(Error::Numerical(format!(
-                    "the input {} will be other than the fit says of it: the solver goes on",
-                    field.name
-                )));
-            }
+            refuse(sums[0] > 0.0 && share > self.settings.jump_tolerance, Error::Numerical, || {
+                format!("the input {} will be other than the fit says of it: the solver goes on", field.name)
+            })?;
         }
         Ok(())
     }

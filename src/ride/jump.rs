@@ -6,7 +6,7 @@ use crate::schedule::{Step, duration, steps_of};
 use crate::shadow::{advanced, predict};
 use crate::surrogate::Start;
 use crate::values::rms;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_state::Role;
 use serde_json::json;
 
@@ -84,13 +84,12 @@ impl Ride<'_> {
         let fits = |(a, place): (&m4gn_state::Array, &&mut [f64])| {
             matches!(a.role, Role::Prescribed | Role::Held) || a.numbers() == place.len()
         };
-        let checked = match next.len() == arrays.len() && arrays.iter().zip(next.iter()).all(fits) {
-            true => Ok(()),
-            false => Err(Error::Input(
-                "ride: the places for the prediction are not those of the state's arrays".into(),
-            )),
-        };
-        self.comm.agree(checked)?;
+        let fit = next.len() == arrays.len() && arrays.iter().zip(next.iter()).all(fits);
+        self.comm.agree(refuse(
+            !fit,
+            Error::Input,
+            || "ride: the places for the prediction are not those of the state's arrays",
+        ))?;
         let old = advanced(candidate.surrogate.as_ref(), &self.present);
         let mut predicted = old.clone();
         let start = Start { state: &self.present, ahead: ahead.as_ref(), duration };
@@ -288,12 +287,9 @@ impl Ride<'_> {
     /// [`Error::Input`] for another number of them.
     pub fn reported(&mut self, values: &[f64]) -> Result<()> {
         let expected = self.settings.quantities.len();
-        if values.len() != expected {
-            return Err(Error::Input(format!(
-                "ride: {} quantities: expected {expected}, those of the settings",
-                values.len()
-            )));
-        }
+        refuse(values.len() != expected, Error::Input, || {
+            format!("ride: {} quantities: expected {expected}, those of the settings", values.len())
+        })?;
         let index = Some(self.step.index);
         if std::mem::replace(&mut self.quantities.index, index) == index {
             return Ok(());

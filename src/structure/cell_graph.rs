@@ -3,7 +3,7 @@
 
 use super::place::line;
 use crate::graph::Graph;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_mesh::Mesh;
 use m4gn_parallel::{Comm, Element};
 
@@ -139,9 +139,7 @@ impl Root {
     pub fn gather(mesh: &Mesh, graph: &mut Graph, comm: &Comm) -> Result<(Option<Self>, Vec<i64>)> {
         let total = comm.total(mesh.n_cells());
         let most = i64::from(i32::MAX / 2);
-        if total > most {
-            return Err(Error::Input(format!("{total} cells: METIS counts to {most}")));
-        }
+        refuse(total > most, Error::Input, || format!("{total} cells: METIS counts to {most}"))?;
         let number = by_place(mesh, comm);
         let pairs = comm.gather(&numbered_pairs(&number, graph, comm));
         let root = pairs.zip(comm.gather(&number)).map(|(pairs, cells)| {

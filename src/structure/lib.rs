@@ -39,7 +39,7 @@ pub use walk::{node_walk, walk_of_pairs};
 
 use cell_graph::Root;
 use graph::Graph;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse, refuse_any};
 use m4gn_mesh::Mesh;
 use m4gn_model::modal::{ModalSource, Modes};
 use m4gn_model::{MAX_SEGMENTS, SegmentSpec};
@@ -198,24 +198,14 @@ fn compute(
 
 /// Labels that somebody computed before, checked.
 fn preset_labels(mesh: &Mesh, labels: &[i32], count: usize, comm: &Comm) -> Result<Vec<i32>> {
-    let local = || {
-        if labels.len() != mesh.n_cells() {
-            return Err(Error::Input(format!(
-                "{} segment labels for {} cells of rank {}",
-                labels.len(),
-                mesh.n_cells(),
-                comm.rank()
-            )));
-        }
-        match labels.iter().position(|&l| l < 0 || l as usize >= count) {
-            Some(i) => Err(Error::Input(format!(
-                "segment label of cell {i} on rank {} is {}: expected 0 to {}",
-                comm.rank(),
-                labels[i],
-                count - 1
-            ))),
-            None => Ok(()),
-        }
+    let local = || -> Result<()> {
+        refuse(labels.len() != mesh.n_cells(), Error::Input, || {
+            format!("{} segment labels for {} cells of rank {}", labels.len(), mesh.n_cells(), comm.rank())
+        })?;
+        refuse_any(labels.iter().position(|&l| l < 0 || l as usize >= count), Error::Input, |i| {
+            let (rank, label, most) = (comm.rank(), labels[i], count - 1);
+            format!("segment label of cell {i} on rank {rank} is {label}: expected 0 to {most}")
+        })
     };
     // A rank without preset labels passes through agree as well.
     comm.agree(local())?;
@@ -224,13 +214,13 @@ fn preset_labels(mesh: &Mesh, labels: &[i32], count: usize, comm: &Comm) -> Resu
         sizes[l as usize] += 1;
     }
     comm.sum_i64(&mut sizes);
-    match sizes.iter().position(|&s| s == 0) {
-        Some(empty) => Err(Error::Input(format!(
-            "segment {empty} of {count} has no cell: expected labels 0 to {} that all occur; recompute the segments",
-            count - 1
-        ))),
-        None => Ok(labels.to_vec()),
-    }
+    refuse_any(sizes.iter().position(|&s| s == 0), Error::Input, |empty| {
+        let most = count - 1;
+        format!(
+            "segment {empty} of {count} has no cell: expected labels 0 to {most} that all occur; recompute the segments"
+        )
+    })?;
+    Ok(labels.to_vec())
 }
 
 impl Segmentation {

@@ -6,7 +6,7 @@
 
 use super::Segmentation;
 use super::place::line;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_mesh::vector::Vector;
 use m4gn_parallel::{Comm, Halo, everywhere};
 use serde::{Deserialize, Serialize};
@@ -31,10 +31,9 @@ impl Sequence {
     /// [`Error::Internal`] for places of other nodes.
     pub fn new(segments: &Segmentation, places: &[Vector], comm: &Comm) -> Result<Self> {
         let (n_owned, k) = (places.len(), segments.count);
-        comm.agree(match segments.member_row.len() == n_owned + 1 {
-            true => Ok(()),
-            false => Err(Error::Internal(format!("segments of other nodes than {n_owned}"))),
-        })?;
+        comm.agree(refuse(segments.member_row.len() != n_owned + 1, Error::Internal, || {
+            format!("segments of other nodes than {n_owned}")
+        }))?;
         let first = comm.exclusive_scan_i64(n_owned as i64) as usize;
         // Of nodes at one place, which a point and its boundary face are, the first here.
         let all = everywhere(comm, &places.concat());

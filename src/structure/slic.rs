@@ -8,7 +8,7 @@
 //! the rounding noise of eigenvectors (which does depend on the ranks) is far below what moves a cell.
 
 use super::obstacle;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_mesh::Extent;
 use m4gn_mesh::Mesh;
 use m4gn_model::SegmentSpec;
@@ -83,11 +83,9 @@ impl Features {
             largest[0] = largest[0].max(extent.high[d] - extent.low[d]);
         }
         comm.max_f64(&mut largest);
-        if !largest[0].is_finite() {
-            return Err(Error::Input(format!(
-                "segments.size: expected a length in m like those of the mesh, found {size:e}"
-            )));
-        }
+        refuse(!largest[0].is_finite(), Error::Input, || {
+            format!("segments.size: expected a length in m like those of the mesh, found {size:e}")
+        })?;
         let room = 2f64.powi(61) / total as f64;
         // A power of two: `largest` carries rounding noise, the quantum must not.
         let quantum = (QUANTUM * size).max((largest[0] / room).log2().ceil().exp2()).max(f64::MIN_POSITIVE);

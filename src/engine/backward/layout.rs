@@ -1,6 +1,6 @@
 //! All weights as one flat vector: one place for the optimiser, the gradient's norm, running averages and checkpoints.
 
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_model::{Model, ModelSpec, Tensor};
 use rand::RngExt;
 use std::collections::BTreeMap;
@@ -95,12 +95,9 @@ impl Layout {
         let mut flat = Vec::with_capacity(self.len());
         for (name, shape) in &self.entries {
             let tensor = model.tensor(name)?;
-            if tensor.shape != *shape {
-                return Err(Error::Model(format!(
-                    "tensor '{name}': expected {shape:?}, found {:?}",
-                    tensor.shape
-                )));
-            }
+            refuse(tensor.shape != *shape, Error::Model, || {
+                format!("tensor '{name}': expected {shape:?}, found {:?}", tensor.shape)
+            })?;
             flat.extend_from_slice(&tensor.data);
         }
         Ok(flat)

@@ -7,7 +7,7 @@ pub use library::{LIBRARY, TorchTrial, library, train};
 
 use super::{Forward, check_lengths};
 use m4gn_base::plugin::{Plugin, c_string};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_model::Model;
 use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
@@ -68,9 +68,7 @@ impl TorchBackend {
         // SAFETY: all pointers are valid for the call, the text ends with NUL, and the bytes are so many.
         let status = unsafe { load(bytes.as_ptr(), bytes.len() as u64, text.as_ptr(), device, &mut handle) };
         library.check(status)?;
-        if handle.is_null() {
-            return Err(Error::Internal("libm4gn_torch.so loaded no model".into()));
-        }
+        refuse(handle.is_null(), Error::Internal, || "libm4gn_torch.so loaded no model")?;
         Ok(TorchBackend { handle, step, free, lengths, library })
     }
 }

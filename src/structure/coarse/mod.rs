@@ -18,7 +18,7 @@ mod transfer;
 
 pub use transfer::{Restricted, Transfer};
 
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_mesh::{ElasticModes, Mesh};
 use m4gn_parallel::Comm;
 
@@ -45,13 +45,9 @@ impl Coarse {
     /// [`Error::Input`] for an edge length that is not positive; [`Error::Mesh`] for a mesh without cells, such as a body at points;
     /// what METIS may fail with.
     pub fn new(mesh: &Mesh, edge_length: f64, comm: &Comm) -> Result<Option<Self>> {
-        let possible = match edge_length > 0.0 && edge_length.is_finite() {
-            true => Ok(()),
-            false => {
-                Err(Error::Input(format!("resolution: expected a positive length in m, found {edge_length}")))
-            }
-        };
-        comm.agree(possible)?;
+        comm.agree(refuse(!(edge_length > 0.0 && edge_length.is_finite()), Error::Input, || {
+            format!("resolution: expected a positive length in m, found {edge_length}")
+        }))?;
         mesh.check(comm)?;
         let links = groups::Links::new(mesh, comm)?;
         let Some((group, n_groups)) = groups::agglomerate(mesh, &links, edge_length, comm)? else {

@@ -10,7 +10,7 @@ mod graph;
 mod refine;
 
 use graph::SegmentGraph;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse_any};
 
 /// How good an assignment is.
 #[derive(Clone, Debug, PartialEq)]
@@ -104,12 +104,9 @@ fn check(sizes: &[f64], adjacency: &[f64], rank_weights: &[f64]) -> Result<()> {
             "segments to ranks: expected finite sizes and edge counts, not negative, and some node".into(),
         ));
     }
-    if let Some(rank) = rank_weights.iter().position(|w| !(w.is_finite() && *w > 0.0)) {
-        return Err(Error::Input(format!(
-            "the weight of rank {rank} is {}: expected a positive finite number",
-            rank_weights[rank]
-        )));
-    }
+    refuse_any(rank_weights.iter().position(|w| !(w.is_finite() && *w > 0.0)), Error::Input, |rank| {
+        format!("the weight of rank {rank} is {}: expected a positive finite number", rank_weights[rank])
+    })?;
     if k < np {
         return Err(Error::Input(format!(
             "{k} segments for {np} ranks: each rank needs at least one whole segment; raise segments to {np} or more, \
