@@ -184,13 +184,7 @@ unsafe fn outer_panel<S: Simd, T: Number, const MR: usize, const NR: usize>(
 
 /// `x[i] += table[index[i] - first]`, n rows.
 pub fn gather_add(isa: Isa, x: &mut [f32], columns: usize, table: &[f32], index: &[i32], first: usize) {
-    let n = index.len();
-    assert!(
-        columns.is_multiple_of(LANES)
-            && x.len() >= n * columns
-            && rows_within(index, n, first..first + table.len() / columns),
-        "rows to be gathered"
-    );
+    assert!(fit(x.len(), columns, table.len(), index, first), "rows to be gathered");
     let both = (x.as_mut_ptr(), table.as_ptr().cast_mut());
     // SAFETY: all rows are within; the table is only read.
     unsafe { move_rows(isa, both, columns, index, first, true) }
@@ -205,16 +199,17 @@ pub fn scatter_add<T: Number>(
     index: &[i32],
     first: usize,
 ) {
-    let n = index.len();
-    assert!(
-        columns.is_multiple_of(LANES)
-            && x.len() >= n * columns
-            && rows_within(index, n, first..first + table.len() / columns),
-        "rows to be scattered"
-    );
+    assert!(fit(x.len(), columns, table.len(), index, first), "rows to be scattered");
     let both = (x.as_ptr().cast_mut(), table.as_mut_ptr());
     // SAFETY: all rows are within; x is only read.
     unsafe { move_rows(isa, both, columns, index, first, false) }
+}
+
+/// Whether x has a row for each of an index, and the table those that it names.
+fn fit(x: usize, columns: usize, table: usize, index: &[i32], first: usize) -> bool {
+    columns.is_multiple_of(LANES)
+        && x >= index.len() * columns
+        && rows_within(index, index.len(), first..first + table / columns)
 }
 
 /// Either way; only the side that is added to is written.

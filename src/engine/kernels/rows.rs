@@ -212,41 +212,28 @@ unsafe fn norm_rows<S: Simd, T: Number, const R: usize>(
     let y = |i: usize, j: usize, gain: S::V, shift: S::V| {
         S::fma(S::fma(S::load(x[i].add(j)), scale[i], offset[i]), gain, shift)
     };
+    // What is done with each vector of y, where it goes, and how far that is behind the first of these rows.
+    macro_rules! each {
+        ($rows:expr, |$to:ident, $place:pat, $y:ident| $done:expr) => {{
+            let rows = $rows.add(at * columns);
+            for j in (0..columns).step_by(LANES) {
+                let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
+                for i in 0..R {
+                    let place = i * columns + j;
+                    let ($to, $place, $y) = (rows.add(place), place, y(i, j, gain, shift));
+                    $done;
+                }
+            }
+        }};
+    }
     match out {
-        Normed::Wide(out) => {
-            let out = out.as_mut_ptr().add(at * columns);
-            for j in (0..columns).step_by(LANES) {
-                let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
-                (0..R).for_each(|i| S::store(out.add(i * columns + j), y(i, j, gain, shift)));
-            }
-        }
-        Normed::Narrow(out) => {
-            let out = out.as_mut_ptr().add(at * columns);
-            for j in (0..columns).step_by(LANES) {
-                let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
-                (0..R).for_each(|i| T::store::<S>(out.add(i * columns + j), y(i, j, gain, shift)));
-            }
-        }
-        Normed::Residual(out) => {
-            let out = out.as_mut_ptr().add(at * columns);
-            for j in (0..columns).step_by(LANES) {
-                let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
-                for i in 0..R {
-                    let out = out.add(i * columns + j);
-                    S::store(out, S::add(S::load(out), y(i, j, gain, shift)));
-                }
-            }
-        }
+        Normed::Wide(out) => each!(out.as_mut_ptr(), |to, _, y| S::store(to, y)),
+        Normed::Narrow(out) => each!(out.as_mut_ptr(), |to, _, y| T::store::<S>(to, y)),
+        Normed::Residual(out) => each!(out.as_mut_ptr(), |to, _, y| S::store(to, S::add(S::load(to), y))),
         Normed::Latents { before, edges } => {
-            let edge = edges.as_mut_ptr().add(at * columns);
-            let before = before.map_or(edge.cast_const(), |b| b.as_ptr().add(at * columns));
-            for j in (0..columns).step_by(LANES) {
-                let (gain, shift) = (S::load(gain.add(j)), S::load(shift.add(j)));
-                for i in 0..R {
-                    let at = i * columns + j;
-                    T::store::<S>(edge.add(at), S::add(T::load::<S>(before.add(at)), y(i, j, gain, shift)));
-                }
-            }
+            let edge = edges.as_mut_ptr();
+            let before = before.map_or(edge.cast_const(), |b| b.as_ptr()).add(at * columns);
+            each!(edge, |to, p, y| T::store::<S>(to, S::add(T::load::<S>(before.add(p)), y)))
         }
         Normed::Edges { before, edges, keep, sums, owner, first } => {
             let edge = edges.as_mut_ptr().add(at * columns);

@@ -112,6 +112,31 @@ pub trait Number: Plain + Default + Send + Sync + std::fmt::Debug + 'static {
     );
 }
 
+/// How a [`Number`] is loaded, stored and multiplied: by these functions of a [`Simd`].
+macro_rules! by {
+    ($load:ident, $store:ident, $step:ident) => {
+        #[inline(always)]
+        unsafe fn load<S: Simd>(p: *const Self) -> S::V {
+            S::$load(p)
+        }
+
+        #[inline(always)]
+        unsafe fn store<S: Simd>(p: *mut Self, v: S::V) {
+            S::$store(p, v)
+        }
+
+        #[inline(always)]
+        unsafe fn step<S: Simd, const MR: usize, const NR: usize>(
+            acc: &mut [[S::V; NR]; MR],
+            x: &[*const Self; MR],
+            k: usize,
+            w: *const Self,
+        ) {
+            S::$step(acc, x, k, w)
+        }
+    };
+}
+
 impl Number for f32 {
     const STEP: usize = 1;
     const ROWS: usize = 48;
@@ -124,25 +149,7 @@ impl Number for f32 {
         self
     }
 
-    #[inline(always)]
-    unsafe fn load<S: Simd>(p: *const Self) -> S::V {
-        S::load(p)
-    }
-
-    #[inline(always)]
-    unsafe fn store<S: Simd>(p: *mut Self, v: S::V) {
-        S::store(p, v)
-    }
-
-    #[inline(always)]
-    unsafe fn step<S: Simd, const MR: usize, const NR: usize>(
-        acc: &mut [[S::V; NR]; MR],
-        x: &[*const Self; MR],
-        k: usize,
-        w: *const Self,
-    ) {
-        S::step_f32(acc, x, k, w)
-    }
+    by!(load, store, step_f32);
 }
 
 impl Number for Bf16 {
@@ -164,25 +171,7 @@ impl Number for Bf16 {
         f32::from_bits(u32::from(self.0) << 16)
     }
 
-    #[inline(always)]
-    unsafe fn load<S: Simd>(p: *const Self) -> S::V {
-        S::load_bf16(p)
-    }
-
-    #[inline(always)]
-    unsafe fn store<S: Simd>(p: *mut Self, v: S::V) {
-        S::store_bf16(p, v)
-    }
-
-    #[inline(always)]
-    unsafe fn step<S: Simd, const MR: usize, const NR: usize>(
-        acc: &mut [[S::V; NR]; MR],
-        x: &[*const Self; MR],
-        k: usize,
-        w: *const Self,
-    ) {
-        S::step_bf16(acc, x, k, w)
-    }
+    by!(load_bf16, store_bf16, step_bf16);
 }
 
 /// exp(v) to about 2e-7 relative for -87 < v < 88, clamped outside; NaN stays NaN.
