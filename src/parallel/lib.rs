@@ -110,6 +110,31 @@ impl MpiComm {
     }
 }
 
+/// Reductions over all ranks, in place: name, type, scratch, MPI's operation.
+macro_rules! reductions {
+    ($($name:ident($kind:ty, $scratch:ident, $op:ident);)*) => {
+        impl Comm {
+            $(
+                #[doc = concat!("Element-wise ", stringify!($op), " over all ranks, in place. Collective.")]
+                pub fn $name(&self, values: &mut [$kind]) {
+                    if let Comm::Mpi(m) = self {
+                        m.reduce(&m.$scratch, values, SystemOperation::$op());
+                    }
+                }
+            )*
+        }
+    };
+}
+
+reductions! {
+    sum_f64(f64, scratch_f64, sum);
+    sum_f32(f32, scratch_f32, sum);
+    sum_i64(i64, scratch_i64, sum);
+    max_i64(i64, scratch_i64, max);
+    min_i64(i64, scratch_i64, min);
+    max_f64(f64, scratch_f64, max);
+}
+
 impl Comm {
     /// One rank without MPI.
     pub fn serial() -> Self {
@@ -174,48 +199,6 @@ impl Comm {
     pub fn barrier(&self) {
         if let Comm::Mpi(m) = self {
             m.meet();
-        }
-    }
-
-    /// Element-wise sum over all ranks, in place. Collective.
-    pub fn sum_f64(&self, values: &mut [f64]) {
-        if let Comm::Mpi(m) = self {
-            m.reduce(&m.scratch_f64, values, SystemOperation::sum());
-        }
-    }
-
-    /// Element-wise sum over all ranks, in place. Collective.
-    pub fn sum_f32(&self, values: &mut [f32]) {
-        if let Comm::Mpi(m) = self {
-            m.reduce(&m.scratch_f32, values, SystemOperation::sum());
-        }
-    }
-
-    /// Element-wise sum over all ranks, in place. Collective.
-    pub fn sum_i64(&self, values: &mut [i64]) {
-        if let Comm::Mpi(m) = self {
-            m.reduce(&m.scratch_i64, values, SystemOperation::sum());
-        }
-    }
-
-    /// Element-wise maximum over all ranks, in place. Collective.
-    pub fn max_i64(&self, values: &mut [i64]) {
-        if let Comm::Mpi(m) = self {
-            m.reduce(&m.scratch_i64, values, SystemOperation::max());
-        }
-    }
-
-    /// Element-wise minimum over all ranks, in place. Collective.
-    pub fn min_i64(&self, values: &mut [i64]) {
-        if let Comm::Mpi(m) = self {
-            m.reduce(&m.scratch_i64, values, SystemOperation::min());
-        }
-    }
-
-    /// Element-wise maximum over all ranks, in place. Collective.
-    pub fn max_f64(&self, values: &mut [f64]) {
-        if let Comm::Mpi(m) = self {
-            m.reduce(&m.scratch_f64, values, SystemOperation::max());
         }
     }
 
