@@ -39,7 +39,7 @@ impl Inference {
         }
         let layout = Layout::new(&spec);
         let flat = Tensor::from_slice(&layout.flatten(model)?).to_device(device);
-        let scales = Scales::of_model(model, device)?;
+        let scales = Scales::new(&m4gn_engine::backward::Scales::of_model(model)?, device);
         let graph = HostGraph::union(&[&HostGraph::new(structure, &spec)?], &spec, device);
         Ok(Inference {
             weights: Weights::new(&layout, &flat, false),

@@ -127,7 +127,7 @@ impl Learner {
         let leaf = Tensor::from_slice(weights).to_device(self.device).set_requires_grad(true);
         let views = Weights::new(&self.layout, &leaf, self.half());
         let network = Network::new(&self.spec.architecture, &views);
-        let scales = Scales::new(normaliser, self.device);
+        let scales = Scales::new(&normaliser.scales(), self.device);
         let mut total = Tensor::zeros([], (Kind::Float, self.device));
         let mut sums: Vec<Tensor> = Vec::new();
         let weights = self.weights(examples);
@@ -178,11 +178,8 @@ impl Learner {
         let flat = Tensor::from_slice(weights).to_device(self.device);
         let views = Weights::new(&self.layout, &flat, false);
         let network = Network::new(&self.spec.architecture, &views);
-        let scales = Scales::new(normaliser, self.device);
-        let read = |step: usize| -> Result<State> {
-            let (cells, boundary) = sample.frame(rollout.frame + step * self.frames_a_step, self.device)?;
-            Ok(State { cells, boundary })
-        };
+        let scales = Scales::new(&normaliser.scales(), self.device);
+        let read = |step: usize| sample.frame(rollout.frame + step * self.frames_a_step, self.device);
         let domains = [sample.domain(false)];
         // Of each predicted field the nodes that count: those that are not held.
         let free = self.components.predicted().map(|field| {
@@ -251,21 +248,17 @@ impl Learner {
 
     /// The examples' recorded fields, `step` model steps after their first frame, reflected where asked.
     fn state(&self, examples: &[Example], step: usize) -> Result<State> {
-        let (mut cells, mut boundary) = (Vec::new(), Vec::new());
-        for e in examples {
+        let read = |e: &Example| -> Result<(Tensor, Tensor)> {
             let frame = e.frame + step * self.frames_a_step;
-            let (c, b) = self.train[e.sample].frame(frame, self.device)?;
-            let (c, b) = match e.mirror {
-                true => (c * &self.reflect, b * &self.reflect),
-                false => (c, b),
-            };
-            cells.push(c);
-            boundary.push(b);
-        }
-        Ok(match (&cells[..], &boundary[..]) {
-            ([c], [b]) => State { cells: c.shallow_clone(), boundary: b.shallow_clone() },
-            _ => State { cells: Tensor::cat(&cells, 0), boundary: Tensor::cat(&boundary, 0) },
-        })
+            let State { cells, boundary } = self.train[e.sample].frame(frame, self.device)?;
+            Ok(match e.mirror {
+                true => (cells * &self.reflect, boundary * &self.reflect),
+                false => (cells, boundary),
+            })
+        };
+        let states = examples.iter().map(read).collect::<Result<Vec<_>>>()?;
+        let (cells, boundary): (Vec<Tensor>, Vec<Tensor>) = states.into_iter().unzip();
+        Ok(State { cells: Tensor::cat(&cells, 0), boundary: Tensor::cat(&boundary, 0) })
     }
 
     /// Noise on the cells' inputs; boundary nodes that copy their owner copy the noise.

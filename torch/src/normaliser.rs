@@ -1,8 +1,5 @@
 //! Normalisers as tensors.
 
-use m4gn_base::Result;
-use m4gn_learn::normaliser::{Moments, Normaliser};
-use m4gn_model::Model;
 use tch::{Device, Tensor};
 
 /// Means and deviations on the device.
@@ -17,29 +14,11 @@ pub struct Scales {
 
 impl Scales {
     /// Of these normalisers.
-    pub fn new(normaliser: &Normaliser, device: Device) -> Self {
-        let pair = |m: &Moments| {
-            let (mean, std) = m.mean_std();
-            (Tensor::from_slice(&mean).to_device(device), Tensor::from_slice(&std).to_device(device))
-        };
-        Scales {
-            node: pair(&normaliser.node),
-            edge: pair(&normaliser.edge),
-            output: pair(&normaliser.output),
-        }
-    }
-
-    /// Those of a model.
-    ///
-    /// Errors: [`m4gn_base::Error::Model`] for one that is missing.
-    pub fn of_model(model: &Model, device: Device) -> Result<Self> {
-        let part = |name: &str| -> Result<Tensor> {
-            Ok(Tensor::from_slice(&model.tensor(&format!("norm.{name}"))?.data).to_device(device))
-        };
-        Ok(Scales {
-            node: (part("node.mean")?, part("node.std")?),
-            edge: (part("edge.mean")?, part("edge.std")?),
-            output: (part("output.mean")?, part("output.std")?),
-        })
+    pub fn new(of: &m4gn_engine::backward::Scales, device: Device) -> Self {
+        let [node, edge, output] = [&of.node, &of.edge, &of.output].map(|scale| {
+            let on_device = |values: &[f32]| Tensor::from_slice(values).to_device(device);
+            (on_device(&scale.mean), on_device(&scale.std))
+        });
+        Scales { node, edge, output }
     }
 }

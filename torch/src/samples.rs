@@ -1,7 +1,7 @@
 //! Trajectories in memory: fields as tensors, graphs and segments made by the core crate, batches of both.
 
 use crate::network::{Level, Sequence, Topology};
-use crate::rollout::Boundary;
+use crate::rollout::{Boundary, State};
 use m4gn_base::{Error, Result};
 use m4gn_domain::{Domain, MeshEdge, moves};
 use m4gn_model::ModelSpec;
@@ -275,13 +275,13 @@ impl Sample {
         &*self.domains[usize::from(mirror)]
     }
 
-    /// All fields of a frame on the device: `([C x components], [B x components])`.
+    /// All fields of a frame on the device.
     ///
     /// Errors: [`Error::File`] where the frame has to be read, and cannot be.
-    pub fn frame(&self, frame: usize, device: Device) -> Result<(Tensor, Tensor)> {
+    pub fn frame(&self, frame: usize, device: Device) -> Result<State> {
         let all = Tensor::from_slice(&self.recorded.frame(frame)?);
         let all = all.view([-1, self.recorded.width as i64]).to_device(device);
         let (cells, boundary) = (self.hosts[0].cells as i64, self.hosts[0].boundary as i64);
-        Ok((all.narrow(0, 0, cells), all.narrow(0, cells, boundary)))
+        Ok(State { cells: all.narrow(0, 0, cells), boundary: all.narrow(0, cells, boundary) })
     }
 }

@@ -43,7 +43,7 @@ use bi_stride::BiStride;
 use convolution::Convolutions;
 use graph_u_net::GraphUNet;
 use m4gn_base::Result;
-use m4gn_model::{Kind, ModelSpec};
+use m4gn_model::{Kind, Model, ModelSpec};
 use messages::Messages;
 use network::Network;
 use std::any::Any;
@@ -57,6 +57,17 @@ pub struct Scales {
     pub edge: Scale,
     /// Of outputs.
     pub output: Scale,
+}
+
+impl Scales {
+    /// Those of a model.
+    ///
+    /// # Errors
+    /// [`m4gn_base::Error::Model`] for one that is missing.
+    pub fn of_model(model: &Model) -> Result<Self> {
+        let scale = |name: &str| Scale::of_model(model, name);
+        Ok(Scales { node: scale("node")?, edge: scale("edge")?, output: scale("output")? })
+    }
 }
 
 /// Derivatives by what goes into the network, physical, in the graph's order.

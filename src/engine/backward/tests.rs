@@ -20,11 +20,6 @@ fn wave(n: usize, step: f32) -> Vec<f32> {
     (0..n).map(|i| (i as f32 * step + 0.3).sin()).collect()
 }
 
-pub(crate) fn scales(model: &Model) -> Scales {
-    let scale = |name: &str| Scale::of_model(model, name).unwrap();
-    Scales { node: scale("node"), edge: scale("edge"), output: scale("output") }
-}
-
 impl Case {
     fn new(spec: ModelSpec, overlap: bool) -> Self {
         let structure = structure(&spec, &mesh(&spec, [4, 3, 2]), overlap);
@@ -39,7 +34,7 @@ impl Case {
 
     /// The loss by the plain network.
     fn plain(&self, model: &Model, structure: &Structure, inputs: &[f32]) -> f64 {
-        let s = scales(model);
+        let s = Scales::of_model(model).unwrap();
         let m = s.output.mean.len();
         let y = plain::forward(model, structure, inputs);
         let normalised = y.iter().enumerate().map(|(i, y)| {
@@ -54,7 +49,7 @@ impl Case {
         let mut network = trainable(&self.model.spec, precision, Some(isa)).unwrap();
         network.load(&network.layout().flatten(&self.model).unwrap()).unwrap();
         let graph = TrainGraph::new(&self.model.spec, &self.structure).unwrap();
-        let (mut worker, scales) = (network.worker(), scales(&self.model));
+        let (mut worker, scales) = (network.worker(), Scales::of_model(&self.model).unwrap());
         let mut outputs = vec![0.0; self.loss.len()];
         let mut inputs =
             InputGradient { nodes: vec![f32::NAN; self.inputs.len()], edges: Some(graph.no_edge_gradient()) };
