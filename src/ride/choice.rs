@@ -100,7 +100,7 @@ impl Ride<'_> {
             return Ok(None);
         }
         let (most, judgement) = self.watch.most(&step.name, self.schedule.surrogate_steps);
-        self.log.judged(&step, judgement, &mut self.decisions);
+        self.log.judged(&step, "correctors", judgement, &mut self.decisions);
         let most = [self.schedule.surrogate_steps, most, self.quantities.most(most)];
         if most[2] == 0 {
             return Ok(None);

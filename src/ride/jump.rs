@@ -300,12 +300,8 @@ impl Ride<'_> {
             Phase::Advancing(_) | Phase::HandingBack(_) => false,
         };
         let time = (self.step.time, &self.step.name[..]);
-        let held = self.quantities.reported(&self.settings.quantities, values, solver, time);
-        self.log.text += &held.note;
-        self.log.warnings.extend(held.warning);
-        if !held.decided.is_null() {
-            self.decisions.tell(&self.step, "quantities", &held.decided);
-        }
+        let judgement = self.quantities.reported(&self.settings.quantities, values, solver, time);
+        self.log.judged(&self.step, "quantities", judgement, &mut self.decisions);
         Ok(())
     }
 

@@ -50,12 +50,12 @@ pub enum Text {
 }
 
 impl Log {
-    /// What is left of the next jumps after this one, by the solver's correctors.
-    pub fn judged(&mut self, step: &Step, judgement: Option<Judgement>, decisions: &mut Decisions) {
+    /// What is left of the next jumps after this one, by the solver's correctors or by quantities.
+    pub fn judged(&mut self, step: &Step, by: &str, judgement: Option<Judgement>, decisions: &mut Decisions) {
         if let Some(Judgement { note, warning, decided }) = judgement {
             self.text += &note;
             self.warnings.extend(warning);
-            decisions.tell(step, "correctors", &decided);
+            decisions.tell(step, by, &decided);
         }
     }
 

@@ -107,18 +107,13 @@ impl<S: DerefMut<Target = Session>> Surrogate for Network<S> {
 
     fn predict(&mut self, start: Start, next: &mut Values) -> Result<()> {
         let n_boundary = self.session.n_boundary();
-        let field = |i: &'_ Input| {
-            let boundary = i.boundary.map_or(&[][..], |b| &start.state[b][..i.components * n_boundary]);
-            (i.components, &start.state[i.nodes][..], boundary)
-        };
-        let fields: Vec<Field> = self
-            .inputs
-            .iter()
-            .map(|i| {
-                let (components, cells, boundary) = field(i);
-                Field { name: &i.name, components, cells, boundary }
-            })
-            .collect();
+        let fields = self.inputs.iter().map(|i| Field {
+            name: &i.name,
+            components: i.components,
+            cells: &start.state[i.nodes],
+            boundary: i.boundary.map_or(&[][..], |b| &start.state[b][..i.components * n_boundary]),
+        });
+        let fields: Vec<Field> = fields.collect();
         let pairs = self.outputs.iter().zip(next.iter_mut());
         let mut out: Vec<FieldMut> = pairs
             .map(|((name, components), cells)| FieldMut { name, components: *components, cells })

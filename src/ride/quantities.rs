@@ -5,10 +5,11 @@
 //! vary by about their mean. Beyond the tolerance the next jump has half as many strides at most, and none any more after one of a single
 //! stride; within it, half as many again as the last one that was limited.
 
+use crate::watch::Judgement;
 use m4gn_base::settings;
 use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::json;
 use std::collections::VecDeque;
 
 /// Values of the solver that a variation is taken over, at most.
@@ -88,15 +89,6 @@ pub(crate) struct Quantities {
     pub index: Option<i64>,
 }
 
-/// What came of a comparison, for people; a warning where there are no more jumps.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Held {
-    pub note: String,
-    pub warning: Option<String>,
-    /// The same as data; null: nothing was compared.
-    pub decided: Value,
-}
-
 impl Quantities {
     /// Nothing is known of these yet.
     pub fn new(settings: &[QuantitySettings]) -> Self {
@@ -111,22 +103,22 @@ impl Quantities {
         }
     }
 
-    /// The values after the present state: of the solver, or of a stride. `time`: s, and its name.
+    /// The values after the present state: of the solver, or of a stride. `time`: s, and its name. Says what came of a comparison.
     pub fn reported(
         &mut self,
         settings: &[QuantitySettings],
         values: &[f64],
         solver: bool,
         time: (f64, &str),
-    ) -> Held {
-        let mut held = Held::default();
+    ) -> Option<Judgement> {
+        let mut judgement = None;
         if solver && !self.handed_back.is_empty() {
             match self.first.is_empty() {
                 true => {
                     self.first = values.iter().map(|v| v.is_finite().then_some(*v)).collect();
                     self.times[1] = time.0;
                 }
-                false => held = self.judge(settings, values, time),
+                false => judgement = Some(self.judge(settings, values, time)),
             }
         }
         for (track, &value) in self.tracks.iter_mut().zip(values) {
@@ -138,7 +130,7 @@ impl Quantities {
                 track.values.push_back(value);
             }
         }
-        held
+        judgement
     }
 
     /// A jump of so many strides has ended with the state that was reported last, of this time, s.
@@ -153,7 +145,12 @@ impl Quantities {
         self.most.map_or(wanted, |most| wanted.min(most))
     }
 
-    fn judge(&mut self, settings: &[QuantitySettings], second: &[f64], (now, time): (f64, &str)) -> Held {
+    fn judge(
+        &mut self,
+        settings: &[QuantitySettings],
+        second: &[f64],
+        (now, time): (f64, &str),
+    ) -> Judgement {
         let (handed, first) = (std::mem::take(&mut self.handed_back), std::mem::take(&mut self.first));
         // Solvers adjust their steps
         let [begun, stepped] = self.times;
@@ -204,7 +201,7 @@ impl Quantities {
             self.most = Some(most + most.div_ceil(2));
         }
         let decided = json!({"quantities": decided, "beyond": beyond, "most": self.most});
-        Held { note: note + "\n\n", warning, decided }
+        Judgement { note: note + "\n\n", warning, decided }
     }
 
     /// Entries of the summary: of each quantity the worst error at the end of a jump, then how many jumps were judged and beyond.
@@ -233,17 +230,17 @@ mod tests {
     fn after_steps() -> Quantities {
         let mut q = Quantities::new(&settings());
         for i in 0..40 {
-            let held = q.reported(&settings(), &[if i % 2 == 0 { 2.0 } else { 4.0 }], true, (1.0, "1"));
-            assert_eq!(held, Held::default());
+            let judgement = q.reported(&settings(), &[if i % 2 == 0 { 2.0 } else { 4.0 }], true, (1.0, "1"));
+            assert_eq!(judgement, None);
         }
         q
     }
 
-    fn jump(q: &mut Quantities, strides: usize, ends: f64, steps: [f64; 2]) -> Held {
+    fn jump(q: &mut Quantities, strides: usize, ends: f64, steps: [f64; 2]) -> Judgement {
         q.reported(&settings(), &[ends], false, (2.0, "2"));
         q.handed_back(strides, 2.0);
-        assert_eq!(q.reported(&settings(), &[steps[0]], true, (2.125, "2.125")), Held::default());
-        q.reported(&settings(), &[steps[1]], true, (2.25, "2.25"))
+        assert_eq!(q.reported(&settings(), &[steps[0]], true, (2.125, "2.125")), None);
+        q.reported(&settings(), &[steps[1]], true, (2.25, "2.25")).unwrap()
     }
 
     #[test]
@@ -311,7 +308,7 @@ mod tests {
         q.carry_on(saved.clone());
         assert_eq!(q, Quantities::new(&both));
         for time in [2.1, 2.2] {
-            assert_eq!(q.reported(&both, &[3.0, 0.1], true, (time, "2")), Held::default());
+            assert_eq!(q.reported(&both, &[3.0, 0.1], true, (time, "2")), None);
         }
         let mut q = Quantities::new(&settings());
         q.carry_on(saved.clone());

@@ -224,7 +224,7 @@ impl<'a> Ride<'a> {
         let state = self.checked("solved", state, wanted)?;
         if let Some(correctors) = step.correctors {
             let judgement = self.watch.stepped(&step.name, correctors);
-            self.log.judged(&step, judgement, &mut self.decisions);
+            self.log.judged(&step, "correctors", judgement, &mut self.decisions);
         }
         self.step = step;
         if let Some(state) = state.filter(|_| wanted) {

@@ -82,16 +82,13 @@ pub trait Surrogate {
     fn predict(&mut self, start: Start, next: &mut Values) -> Result<()>;
 
     /// The other arrays of the state that was predicted last, where it makes all.
-    fn carry(&self, next: &mut [&mut [f64]]) {
-        let _ = next;
-    }
+    fn carry(&self, _next: &mut [&mut [f64]]) {}
 
     /// Time and state have been advanced by what the last stride predicted.
     fn advanced(&mut self) {}
 
     /// A jump has ended at this time, s; `own`: it was this one that jumped. Gives the strides of its own that lie between.
-    fn handed_back(&mut self, time: f64, own: bool) -> f64 {
-        let _ = (time, own);
+    fn handed_back(&mut self, _time: f64, _own: bool) -> f64 {
         0.0
     }
 
@@ -118,8 +115,7 @@ pub trait Surrogate {
     ///
     /// # Errors
     /// [`Error::Input`](m4gn_base::Error::Input) for what is no such state.
-    fn restore(&mut self, saved: &[u8], at: &Resumed) -> Result<Option<String>> {
-        let _ = (saved, at);
+    fn restore(&mut self, _saved: &[u8], _at: &Resumed) -> Result<Option<String>> {
         Ok(None)
     }
 }
