@@ -12,6 +12,7 @@
 
 use crate::{Error, Result, listed, refuse};
 use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_LOCAL, RTLD_NOW};
+use std::cell::RefCell;
 use std::ffi::{CStr, CString, OsString, c_char, c_void};
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
@@ -183,6 +184,22 @@ impl Plugin {
             _ => Err(Error::from_status(status, self.message())),
         }
     }
+}
+
+thread_local! {
+    static LAST_ERROR: RefCell<CString> = RefCell::default();
+}
+
+/// Keeps the message of this thread's last failure.
+pub fn keep_error(message: &str) {
+    let message = CString::new(message.replace('\0', "")).unwrap_or_default();
+    // A thread that is being torn down keeps no message any more.
+    let _ = LAST_ERROR.try_with(|m| *m.borrow_mut() = message);
+}
+
+/// The message kept, or an empty string: what `PREFIX_last_error()` of our own library returns.
+pub fn last_error() -> *const c_char {
+    LAST_ERROR.try_with(|m| m.borrow().as_ptr()).unwrap_or(c"".as_ptr())
 }
 
 /// Whether a limit of the address space (`ulimit -v`) leaves room for a library and what it brings.

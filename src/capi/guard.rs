@@ -1,16 +1,11 @@
 //! The guarded guard that every export goes through.
 
 use m4gn_base::ffi::fpe::without_traps;
+use m4gn_base::plugin::keep_error;
 use m4gn_base::{Error, Result};
 use m4gn_parallel::Comm;
 use m4gn_parallel::panic_text;
-use std::cell::RefCell;
-use std::ffi::{CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-
-thread_local! {
-    static LAST_ERROR: RefCell<CString> = RefCell::default();
-}
 
 /// What a count is after a failure.
 pub fn no_count(_: i32) -> i32 {
@@ -26,21 +21,8 @@ pub fn enter<T>(name: &str, failed: impl FnOnce(i32) -> T, body: impl FnOnce() -
         Ok(Err(error)) => error,
         Err(panic) => Error::Internal(format!("{name}: {}", panic_text(&*panic))),
     };
-    keep(&error.to_string());
+    keep_error(&error.to_string());
     failed(error.status())
-}
-
-/// `m4gn_last_error`.
-pub fn last_error() -> *const c_char {
-    // A thread that is being torn down has no message any more.
-    LAST_ERROR.try_with(|m| m.borrow().as_ptr()).unwrap_or(c"".as_ptr())
-}
-
-fn keep(message: &str) {
-    let clean: Vec<u8> = message.bytes().filter(|b| *b != 0).collect();
-    if let Ok(message) = CString::new(clean) {
-        let _ = LAST_ERROR.try_with(|m| *m.borrow_mut() = message);
-    }
 }
 
 /// The body of the collective export `name`: each rank reads what its host gave, all agree that they could and that
@@ -96,6 +78,7 @@ macro_rules! exports {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use m4gn_base::plugin::last_error;
     use std::ffi::CStr;
 
     fn message() -> String {

@@ -58,7 +58,7 @@ pub extern "C" fn m4gn_version() -> *const c_char {
 /// Message of the last failed call on this thread, or an empty string.
 #[unsafe(no_mangle)]
 pub extern "C" fn m4gn_last_error() -> *const c_char {
-    guard::last_error()
+    m4gn_base::plugin::last_error()
 }
 
 exports! {

@@ -1,11 +1,11 @@
 //! The C interface: raw arrays in, pairs out, no panic through it.
 
 use crate::eigen::{Matrices, eigenpairs};
+use m4gn_base::plugin::{keep_error, last_error};
 use m4gn_base::{Error, Result};
 use m4gn_modes::eigen::{LIBRARY, RawHost, RawProblem, RawRows, slice};
 use m4gn_parallel::{Comm, panic_text};
-use std::cell::RefCell;
-use std::ffi::{CString, c_char};
+use std::ffi::c_char;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// This rank's rows of a distributed square matrix; see `m4gn_modes::Rows`.
@@ -83,10 +83,6 @@ impl Call<'_> {
     }
 }
 
-thread_local! {
-    static LAST_ERROR: RefCell<CString> = RefCell::default();
-}
-
 /// Version of the interface.
 #[unsafe(no_mangle)]
 pub extern "C" fn m4gn_slepc_abi_version() -> u32 {
@@ -96,7 +92,7 @@ pub extern "C" fn m4gn_slepc_abi_version() -> u32 {
 /// Message of this thread's last failure, valid until its next call.
 #[unsafe(no_mangle)]
 pub extern "C" fn m4gn_slepc_last_error() -> *const c_char {
-    LAST_ERROR.try_with(|m| m.borrow().as_ptr()).unwrap_or(c"".as_ptr())
+    last_error()
 }
 
 /// Ends SLEPc and PETSc if they were started here and MPI is still up.
@@ -119,8 +115,7 @@ pub unsafe extern "C" fn m4gn_slepc_eigenpairs(problem: *const RawProblem, host:
         Ok(Err(error)) => error,
         Err(panic) => Error::Internal(panic_text(&*panic).into()),
     };
-    let message = CString::new(error.to_string().replace('\0', " ")).unwrap_or_default();
-    let _ = LAST_ERROR.try_with(|m| *m.borrow_mut() = message);
+    keep_error(&error.to_string());
     error.status()
 }
 

@@ -7,7 +7,8 @@
 use crate::backend::{TorchBackend, guarded};
 use crate::device::parse_device;
 use crate::inference::Inference;
-use m4gn_base::{Error, Result};
+use m4gn_base::plugin::{keep_error, last_error};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_engine::backward::Optimiser;
 use m4gn_engine::torch::LIBRARY;
 use m4gn_model::Model;
@@ -15,25 +16,23 @@ use m4gn_parallel::Comm;
 use m4gn_structure::Structure;
 use m4gn_train::{Request, Task, train};
 use m4gn_workbench::bench::{Prepared, Trial};
-use std::cell::RefCell;
-use std::ffi::{CStr, CString, c_char, c_void};
+use std::ffi::{CStr, c_char, c_void};
 use std::sync::atomic::AtomicU8;
-
-thread_local! {
-    static LAST_ERROR: RefCell<CString> = RefCell::new(CString::default());
-}
 
 /// The door of every exported function: errors and panics become a status and a message.
 pub(crate) fn guard(body: impl FnOnce() -> Result<()>) -> i32 {
     let Err(error) = guarded(body) else { return 0 };
-    let text = match &error {
+    match &error {
         // The other side adds the words that go with the status.
-        Error::Internal(message) => message.clone(),
-        other => other.to_string(),
-    };
-    let message = CString::new(text.replace('\0', " ")).unwrap_or_default();
-    LAST_ERROR.with(|last| *last.borrow_mut() = message);
+        Error::Internal(message) => keep_error(message),
+        other => keep_error(&other.to_string()),
+    }
     error.status()
+}
+
+/// Refuses a null pointer to an exported function.
+fn given(name: &str, null: bool) -> Result<()> {
+    refuse(null, Error::Input, || format!("{name}: a null pointer"))
 }
 
 /// Lets the allocator keep the memory of freed tensors instead of giving it back to the system at every step, which
@@ -56,7 +55,7 @@ pub extern "C" fn m4gn_torch_abi_version() -> u32 {
 /// Message of the last failure of this thread; valid until its next call.
 #[unsafe(no_mangle)]
 pub extern "C" fn m4gn_torch_last_error() -> *const c_char {
-    LAST_ERROR.with(|last| last.borrow().as_ptr())
+    last_error()
 }
 
 /// Trains as a JSON request says (see [`m4gn_train::Request`]). `stop` is read now and then: nonzero, save and stop.
@@ -67,9 +66,7 @@ pub extern "C" fn m4gn_torch_last_error() -> *const c_char {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn m4gn_torch_train(request_json: *const c_char, stop: *const u8) -> i32 {
     guard(|| {
-        if request_json.is_null() || stop.is_null() {
-            return Err(Error::Input("m4gn_torch_train: a null pointer".into()));
-        }
+        given("m4gn_torch_train", request_json.is_null() || stop.is_null())?;
         // SAFETY: not null, and NUL-terminated by this function's contract.
         let text = unsafe { CStr::from_ptr(request_json) };
         let text =
@@ -104,9 +101,7 @@ pub unsafe extern "C" fn m4gn_torch_trial(
     handle: *mut *mut c_void,
 ) -> i32 {
     guard(|| {
-        if trial.is_null() || device.is_null() || handle.is_null() {
-            return Err(Error::Input("m4gn_torch_trial: a null pointer".into()));
-        }
+        given("m4gn_torch_trial", trial.is_null() || device.is_null() || handle.is_null())?;
         // SAFETY: not null, and NUL-terminated by this function's contract.
         let (text, device) = unsafe { (CStr::from_ptr(trial), CStr::from_ptr(device)) };
         let trial: Trial = serde_json::from_slice(text.to_bytes())
@@ -135,9 +130,7 @@ pub unsafe extern "C" fn m4gn_torch_trial(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn m4gn_torch_trial_step(handle: *mut c_void, loss: *mut f64) -> i32 {
     guard(|| {
-        if handle.is_null() || loss.is_null() {
-            return Err(Error::Input("m4gn_torch_trial_step: a null pointer".into()));
-        }
+        given("m4gn_torch_trial_step", handle.is_null() || loss.is_null())?;
         // SAFETY: not null, and from m4gn_torch_trial by this function's contract.
         let m = unsafe { &mut *handle.cast::<Measured>() };
         let value = m.prepared.step(&mut m.backend, &mut m.optimiser)?;
@@ -172,9 +165,7 @@ pub unsafe extern "C" fn m4gn_torch_load(
     handle: *mut *mut c_void,
 ) -> i32 {
     guard(|| {
-        if model.is_null() || structure.is_null() || handle.is_null() {
-            return Err(Error::Input("m4gn_torch_load: a null pointer".into()));
-        }
+        given("m4gn_torch_load", model.is_null() || structure.is_null() || handle.is_null())?;
         // SAFETY: not null, and of this length by this function's contract.
         let bytes = unsafe { std::slice::from_raw_parts(model, size as usize) };
         let model = Model::from_bytes(bytes, "the session's model")?;
@@ -204,9 +195,7 @@ pub unsafe extern "C" fn m4gn_torch_load(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn m4gn_torch_step(handle: *mut c_void, inputs: *const f32, outputs: *mut f32) -> i32 {
     guard(|| {
-        if handle.is_null() || inputs.is_null() || outputs.is_null() {
-            return Err(Error::Input("m4gn_torch_step: a null pointer".into()));
-        }
+        given("m4gn_torch_step", handle.is_null() || inputs.is_null() || outputs.is_null())?;
         // SAFETY: a live handle by this function's contract.
         let loaded = unsafe { &*handle.cast::<Inference>() };
         let (n_inputs, n_outputs) = loaded.lengths();
