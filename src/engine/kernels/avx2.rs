@@ -85,26 +85,6 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
-    unsafe fn step_f32<const MR: usize, const NR: usize>(
-        acc: &mut [[Pair; NR]; MR],
-        x: &[*const f32; MR],
-        k: usize,
-        w: *const f32,
-    ) {
-        let mut column = [[_mm256_setzero_ps(); 2]; NR];
-        for (j, column) in column.iter_mut().enumerate() {
-            *column = Self::load(w.add(16 * j));
-        }
-        for (acc, x) in acc.iter_mut().zip(x) {
-            let x = _mm256_broadcast_ss(&*x.add(k));
-            for (acc, w) in acc.iter_mut().zip(&column) {
-                acc[0] = _mm256_fmadd_ps(x, w[0], acc[0]);
-                acc[1] = _mm256_fmadd_ps(x, w[1], acc[1]);
-            }
-        }
-    }
-
-    #[inline(always)]
     unsafe fn step_bf16<const MR: usize, const NR: usize>(
         acc: &mut [[Pair; NR]; MR],
         x: &[*const Bf16; MR],

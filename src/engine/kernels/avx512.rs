@@ -98,25 +98,6 @@ impl<const PAIRS: bool> Simd for Avx512<PAIRS> {
     }
 
     #[inline(always)]
-    unsafe fn step_f32<const MR: usize, const NR: usize>(
-        acc: &mut [[__m512; NR]; MR],
-        x: &[*const f32; MR],
-        k: usize,
-        w: *const f32,
-    ) {
-        let mut column = [_mm512_setzero_ps(); NR];
-        for (j, column) in column.iter_mut().enumerate() {
-            *column = _mm512_loadu_ps(w.add(16 * j));
-        }
-        for (acc, x) in acc.iter_mut().zip(x) {
-            let x = _mm512_set1_ps(*x.add(k));
-            for (acc, w) in acc.iter_mut().zip(&column) {
-                *acc = _mm512_fmadd_ps(x, *w, *acc);
-            }
-        }
-    }
-
-    #[inline(always)]
     unsafe fn step_bf16<const MR: usize, const NR: usize>(
         acc: &mut [[__m512; NR]; MR],
         x: &[*const Bf16; MR],

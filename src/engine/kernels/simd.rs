@@ -58,12 +58,24 @@ pub trait Simd: Copy {
     }
 
     /// `acc[i][j] += x[i][k] * w[j]`, w of NR vectors.
+    #[inline(always)]
     unsafe fn step_f32<const MR: usize, const NR: usize>(
         acc: &mut [[Self::V; NR]; MR],
         x: &[*const f32; MR],
         k: usize,
         w: *const f32,
-    );
+    ) {
+        let mut column = [Self::splat(0.0); NR];
+        for (j, column) in column.iter_mut().enumerate() {
+            *column = Self::load(w.add(LANES * j));
+        }
+        for (acc, x) in acc.iter_mut().zip(x) {
+            let x = Self::splat(*x.add(k));
+            for (acc, w) in acc.iter_mut().zip(&column) {
+                *acc = Self::fma(x, *w, *acc);
+            }
+        }
+    }
     /// `acc[i][j] += x[i][k] * w[j] even + x[i][k + 1] * w[j] odd`: w of NR vectors of sixteen pairs.
     unsafe fn step_bf16<const MR: usize, const NR: usize>(
         acc: &mut [[Self::V; NR]; MR],
