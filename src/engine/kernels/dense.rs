@@ -1,7 +1,7 @@
 //! Small products of attention's derivative, and Adam: loops that the compiler vectorises for each instruction set.
 
 use super::simd::{Number, Simd};
-use super::{Isa, dispatch};
+use super::{Isa, compiled};
 
 /// `c += factor a b` with a `[n x k]`, b `[k x m]`, c `[n x m]` of sizes n, k, m; each a slice and how far apart its rows stand.
 pub fn multiply_add(
@@ -14,57 +14,34 @@ pub fn multiply_add(
 ) {
     type T = f32;
     // SAFETY: safe code, compiled for an instruction set that the processor has.
-    dispatch!(
-        isa,
-        T,
-        multiply_all(
-            sizes: (usize, usize, usize), factor: f32, a: (&[f32], usize), b: (&[f32], usize),
-            c: (&mut [f32], usize)
-        )
-    )
-}
-
-/// # Safety
-/// None needed: unsafe as all that is compiled for an instruction set.
-#[inline(always)]
-unsafe fn multiply_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    (n, k, m): (usize, usize, usize),
-    factor: f32,
-    (a, a_stride): (&[f32], usize),
-    (b, b_stride): (&[f32], usize),
-    (c, c_stride): (&mut [f32], usize),
-) {
-    for i in 0..n {
-        let row = &mut c[i * c_stride..i * c_stride + m];
-        for (p, a) in a[i * a_stride..i * a_stride + k].iter().enumerate() {
-            let a = factor * a;
-            let b = &b[p * b_stride..p * b_stride + m];
-            row.iter_mut().zip(b).for_each(|(c, b)| *c += a * b);
+    compiled!(isa, T, |sizes: (usize, usize, usize),
+                       factor: f32,
+                       a: (&[f32], usize),
+                       b: (&[f32], usize),
+                       c: (&mut [f32], usize)| {
+        let ((n, k, m), (a, a_stride), (b, b_stride), (c, c_stride)) = (sizes, a, b, c);
+        for i in 0..n {
+            let row = &mut c[i * c_stride..i * c_stride + m];
+            for (p, a) in a[i * a_stride..i * a_stride + k].iter().enumerate() {
+                let a = factor * a;
+                let b = &b[p * b_stride..p * b_stride + m];
+                row.iter_mut().zip(b).for_each(|(c, b)| *c += a * b);
+            }
         }
-    }
+    })
 }
 
 /// From dL/dp of rows p of a softmax over n scores to dL/d score, in place: p (d - sum(d p)). Rows of `stride`.
 pub fn softmax_backward(isa: Isa, p: &[f32], d: &mut [f32], (n, stride): (usize, usize)) {
     type T = f32;
     // SAFETY: safe code, compiled for an instruction set that the processor has.
-    dispatch!(isa, T, softmax_rows_backward(p: &[f32], d: &mut [f32], n: usize, stride: usize))
-}
-
-/// # Safety
-/// As for [`multiply_all`].
-#[inline(always)]
-unsafe fn softmax_rows_backward<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    p: &[f32],
-    d: &mut [f32],
-    n: usize,
-    stride: usize,
-) {
-    for (p, d) in p.chunks_exact(stride).zip(d.chunks_exact_mut(stride)) {
-        let (p, d) = (&p[..n], &mut d[..n]);
-        let along: f32 = p.iter().zip(&*d).map(|(p, d)| p * d).sum();
-        d.iter_mut().zip(p).for_each(|(d, p)| *d = p * (*d - along));
-    }
+    compiled!(isa, T, |p: &[f32], d: &mut [f32], n: usize, stride: usize| {
+        for (p, d) in p.chunks_exact(stride).zip(d.chunks_exact_mut(stride)) {
+            let (p, d) = (&p[..n], &mut d[..n]);
+            let along: f32 = p.iter().zip(&*d).map(|(p, d)| p * d).sum();
+            d.iter_mut().zip(p).for_each(|(d, p)| *d = p * (*d - along));
+        }
+    })
 }
 
 /// Adam's numbers for one update.
@@ -93,28 +70,18 @@ pub fn adam(
 ) {
     type T = f32;
     // SAFETY: safe code, compiled for an instruction set that the processor has.
-    dispatch!(
-        isa,
-        T,
-        adam_all(numbers: Adam, gradient: &[f32], weights: &mut [f32], first: &mut [f32], second: &mut [f32])
-    )
-}
-
-/// # Safety
-/// As for [`multiply_all`].
-#[inline(always)]
-unsafe fn adam_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    Adam { clip, betas: [b1, b2], rest: [c1, c2], rate, correction }: Adam,
-    gradient: &[f32],
-    weights: &mut [f32],
-    first: &mut [f32],
-    second: &mut [f32],
-) {
-    let moments = first.iter_mut().zip(second);
-    for ((g, w), (m, v)) in gradient.iter().zip(weights).zip(moments) {
-        let g = g * clip;
-        *m = *m * b1 + g * c1;
-        *v = *v * b2 + g * g * c2;
-        *w -= *m / (v.sqrt() * correction + 1e-8) * rate;
-    }
+    compiled!(isa, T, |numbers: Adam,
+                       gradient: &[f32],
+                       weights: &mut [f32],
+                       first: &mut [f32],
+                       second: &mut [f32]| {
+        let Adam { clip, betas: [b1, b2], rest: [c1, c2], rate, correction } = numbers;
+        let moments = first.iter_mut().zip(second);
+        for ((g, w), (m, v)) in gradient.iter().zip(weights).zip(moments) {
+            let g = g * clip;
+            *m = *m * b1 + g * c1;
+            *v = *v * b2 + g * g * c2;
+            *w -= *m / (v.sqrt() * correction + 1e-8) * rate;
+        }
+    })
 }

@@ -4,7 +4,7 @@
 
 use super::rows::Norm;
 use super::simd::{LANES, Number, Simd, exp};
-use super::{Isa, dispatch};
+use super::{Isa, compiled};
 
 /// Through a layer norm: `d`, n rows of dL/dy, becomes dL/dx in place and, rounded, in `narrow`. `normed` and `scale`
 /// are what [`super::layer_norm_keep`] kept; the sums for gain, shift, and the bias that was added to x are added to.
@@ -28,37 +28,23 @@ pub fn norm_backward<T: Number>(
     let sums = sums.map(|s| s.as_mut_ptr());
     let (normed, scale, d, narrow) = (normed.as_ptr(), scale.as_ptr(), d.as_mut_ptr(), narrow.as_mut_ptr());
     // SAFETY: lengths were checked above.
-    dispatch!(
-        isa,
-        T,
-        norm_rows_backward(
-            norm: &Norm, normed: *const T, scale: *const f32, n: usize, d: *mut f32, narrow: *mut T,
-            sums: [*mut f32; 3]
-        )
-    )
-}
-
-/// # Safety
-/// As [`norm_backward`] checks.
-#[inline(always)]
-unsafe fn norm_rows_backward<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    norm: &Norm,
-    normed: *const T,
-    scale: *const f32,
-    n: usize,
-    d: *mut f32,
-    narrow: *mut T,
-    sums: [*mut f32; 3],
-) {
-    let mut i = 0;
-    while WIDE && i + 4 <= n {
-        norm_some_backward::<S, T, 4>(norm, normed, scale, i, d, narrow, sums);
-        i += 4;
-    }
-    while i < n {
-        norm_some_backward::<S, T, 1>(norm, normed, scale, i, d, narrow, sums);
-        i += 1;
-    }
+    compiled!(isa, T, |norm: &Norm,
+                       normed: *const T,
+                       scale: *const f32,
+                       n: usize,
+                       d: *mut f32,
+                       narrow: *mut T,
+                       sums: [*mut f32; 3]| {
+        let mut i = 0;
+        while WIDE && i + 4 <= n {
+            norm_some_backward::<S, T, 4>(norm, normed, scale, i, d, narrow, sums);
+            i += 4;
+        }
+        while i < n {
+            norm_some_backward::<S, T, 1>(norm, normed, scale, i, d, narrow, sums);
+            i += 1;
+        }
+    })
 }
 
 /// Rows `at..at + R`: with g = dy * gain, dx = scale (g - mean(g) - normed mean(g normed)).
@@ -152,37 +138,23 @@ pub fn activation_backward<T: Number>(
     );
     let (kept, d, narrow, bias) = (kept.as_ptr(), d.as_mut_ptr(), narrow.as_mut_ptr(), bias.as_mut_ptr());
     // SAFETY: lengths were checked above.
-    dispatch!(
-        isa,
-        T,
-        activation_rows(
-            kept: *const T, slope: bool, n: usize, columns: usize, d: *mut f32, narrow: *mut T,
-            bias: *mut f32
-        )
-    )
-}
-
-/// # Safety
-/// As [`activation_backward`] checks.
-#[inline(always)]
-unsafe fn activation_rows<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    kept: *const T,
-    slope: bool,
-    n: usize,
-    columns: usize,
-    d: *mut f32,
-    narrow: *mut T,
-    bias: *mut f32,
-) {
-    let mut j = 0;
-    while WIDE && j + 4 * LANES <= columns {
-        activation_columns::<S, T, 4>(kept, slope, (n, columns), j, d, narrow, bias);
-        j += 4 * LANES;
-    }
-    while j < columns {
-        activation_columns::<S, T, 1>(kept, slope, (n, columns), j, d, narrow, bias);
-        j += LANES;
-    }
+    compiled!(isa, T, |kept: *const T,
+                       slope: bool,
+                       n: usize,
+                       columns: usize,
+                       d: *mut f32,
+                       narrow: *mut T,
+                       bias: *mut f32| {
+        let mut j = 0;
+        while WIDE && j + 4 * LANES <= columns {
+            activation_columns::<S, T, 4>(kept, slope, (n, columns), j, d, narrow, bias);
+            j += 4 * LANES;
+        }
+        while j < columns {
+            activation_columns::<S, T, 1>(kept, slope, (n, columns), j, d, narrow, bias);
+            j += LANES;
+        }
+    })
 }
 
 /// C vectors of each row from column `at` on, whose chains of additions the processor then overlaps.
@@ -227,23 +199,13 @@ pub fn silu_keep<T: Number>(isa: Isa, x: &[f32], value: &mut [T], slope: &mut [T
     assert!(n.is_multiple_of(LANES) && value.len() >= n && slope.len() >= n, "rows of an activation");
     let (x, value, slope) = (x.as_ptr(), value.as_mut_ptr(), slope.as_mut_ptr());
     // SAFETY: all have n numbers, whole vectors.
-    dispatch!(isa, T, silu_all(x: *const f32, value: *mut T, slope: *mut T, n: usize))
-}
-
-/// # Safety
-/// As [`silu_keep`] checks.
-#[inline(always)]
-unsafe fn silu_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    x: *const f32,
-    value: *mut T,
-    slope: *mut T,
-    n: usize,
-) {
-    for i in (0..n).step_by(LANES) {
-        let (x, one) = (S::load(x.add(i)), S::splat(1.0));
-        let s = S::reciprocal(S::add(one, exp::<S>(S::sub(S::splat(0.0), x))));
-        let y = S::mul(x, s);
-        T::store::<S>(value.add(i), y);
-        T::store::<S>(slope.add(i), S::fma(y, S::sub(one, s), s));
-    }
+    compiled!(isa, T, |x: *const f32, value: *mut T, slope: *mut T, n: usize| {
+        for i in (0..n).step_by(LANES) {
+            let (x, one) = (S::load(x.add(i)), S::splat(1.0));
+            let s = S::reciprocal(S::add(one, exp::<S>(S::sub(S::splat(0.0), x))));
+            let y = S::mul(x, s);
+            T::store::<S>(value.add(i), y);
+            T::store::<S>(slope.add(i), S::fma(y, S::sub(one, s), s));
+        }
+    })
 }

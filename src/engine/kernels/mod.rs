@@ -102,6 +102,17 @@ macro_rules! dispatch {
 }
 use dispatch;
 
+/// As [`dispatch`], with the callee's body in place, which sees `S`, `MR` and `WIDE` beside its arguments.
+macro_rules! compiled {
+    ($isa:expr, $t:ident, |$($arg:ident: $kind:ty),*| $body:block) => {{
+        #[inline(always)]
+        #[allow(clippy::too_many_arguments)]
+        unsafe fn all<S: Simd, $t: Number, const MR: usize, const WIDE: bool>($($arg: $kind),*) $body
+        $crate::kernels::dispatch!($isa, $t, all($($arg: $kind),*))
+    }};
+}
+use compiled;
+
 /// Instruction sets of other processors have no tiles.
 #[cfg(not(target_arch = "x86_64"))]
 pub struct Tiles;

@@ -8,7 +8,7 @@ use super::buffer::Buffer;
 use super::packed::{PANEL, padded};
 use super::product::rows_within;
 use super::simd::{LANES, Number, Simd};
-use super::{Isa, dispatch};
+use super::{Isa, compiled};
 
 /// Rows of both operands of an outer product in the order that its steps read them, where steps take several rows.
 pub struct Pairs<T> {
@@ -67,14 +67,30 @@ pub fn outer<T: Number>(
     };
     let sums = sums.as_mut_ptr();
     // SAFETY: rows and sums are as long as checked above, or as interleave() made them.
-    dispatch!(
-        isa,
-        T,
-        outer_panels(
-            y: *const T, y_step: usize, x: *const T, x_step: usize, steps: usize, outputs: usize,
-            columns: usize, sums: *mut f32
-        )
-    )
+    compiled!(isa, T, |y: *const T,
+                       y_step: usize,
+                       x: *const T,
+                       x_step: usize,
+                       steps: usize,
+                       outputs: usize,
+                       columns: usize,
+                       sums: *mut f32| {
+        let mut column = 0;
+        while column < columns {
+            let left = (columns - column) / LANES;
+            let vectors = if WIDE { left.min(PANEL) } else { 1 };
+            let x = x.add(column * T::STEP);
+            let sums = sums.add(column);
+            let sizes = (outputs, columns);
+            match vectors {
+                4 if WIDE => outer_panel::<S, T, MR, 4>(y, y_step, x, x_step, steps, sizes, sums),
+                3 if WIDE => outer_panel::<S, T, MR, 3>(y, y_step, x, x_step, steps, sizes, sums),
+                2 if WIDE => outer_panel::<S, T, MR, 2>(y, y_step, x, x_step, steps, sizes, sums),
+                _ => outer_panel::<S, T, MR, 1>(y, y_step, x, x_step, steps, sizes, sums),
+            }
+            column += vectors * LANES;
+        }
+    })
 }
 
 /// Rows two by two, number by number; a missing last row is zero.
@@ -85,64 +101,22 @@ fn interleave<T: Number>(isa: Isa, (x, stride): (&[T], usize), n: usize, width: 
     );
     let (x, out) = (x.as_ptr(), out.as_mut_ptr());
     // SAFETY: n rows of x, n rounded up to pairs of out.
-    dispatch!(isa, T, interleave_all(x: *const T, stride: usize, n: usize, width: usize, out: *mut T))
-}
-
-/// # Safety
-/// As [`interleave`] checks.
-#[inline(always)]
-unsafe fn interleave_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    x: *const T,
-    stride: usize,
-    n: usize,
-    width: usize,
-    out: *mut T,
-) {
-    for i in (0..n).step_by(2) {
-        let out = std::slice::from_raw_parts_mut(out.add(i * width), 2 * width);
-        let first = std::slice::from_raw_parts(x.add(i * stride), width);
-        if i + 1 < n {
-            let second = std::slice::from_raw_parts(x.add((i + 1) * stride), width);
-            for ((out, a), b) in out.chunks_exact_mut(2).zip(first).zip(second) {
-                (out[0], out[1]) = (*a, *b);
-            }
-        } else {
-            for (out, a) in out.chunks_exact_mut(2).zip(first) {
-                (out[0], out[1]) = (*a, T::default());
+    compiled!(isa, T, |x: *const T, stride: usize, n: usize, width: usize, out: *mut T| {
+        for i in (0..n).step_by(2) {
+            let out = std::slice::from_raw_parts_mut(out.add(i * width), 2 * width);
+            let first = std::slice::from_raw_parts(x.add(i * stride), width);
+            if i + 1 < n {
+                let second = std::slice::from_raw_parts(x.add((i + 1) * stride), width);
+                for ((out, a), b) in out.chunks_exact_mut(2).zip(first).zip(second) {
+                    (out[0], out[1]) = (*a, *b);
+                }
+            } else {
+                for (out, a) in out.chunks_exact_mut(2).zip(first) {
+                    (out[0], out[1]) = (*a, T::default());
+                }
             }
         }
-    }
-}
-
-/// # Safety
-/// As [`outer`] checks.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-unsafe fn outer_panels<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    y: *const T,
-    y_step: usize,
-    x: *const T,
-    x_step: usize,
-    steps: usize,
-    outputs: usize,
-    columns: usize,
-    sums: *mut f32,
-) {
-    let mut column = 0;
-    while column < columns {
-        let left = (columns - column) / LANES;
-        let vectors = if WIDE { left.min(PANEL) } else { 1 };
-        let x = x.add(column * T::STEP);
-        let sums = sums.add(column);
-        let sizes = (outputs, columns);
-        match vectors {
-            4 if WIDE => outer_panel::<S, T, MR, 4>(y, y_step, x, x_step, steps, sizes, sums),
-            3 if WIDE => outer_panel::<S, T, MR, 3>(y, y_step, x, x_step, steps, sizes, sums),
-            2 if WIDE => outer_panel::<S, T, MR, 2>(y, y_step, x, x_step, steps, sizes, sums),
-            _ => outer_panel::<S, T, MR, 1>(y, y_step, x, x_step, steps, sizes, sums),
-        }
-        column += vectors * LANES;
-    }
+    })
 }
 
 /// # Safety
@@ -224,31 +198,20 @@ unsafe fn move_rows<T: Number>(
     first: usize,
     gather: bool,
 ) {
-    dispatch!(
-        isa,
-        T,
-        move_all(x: *mut T, table: *mut f32, columns: usize, index: &[i32], first: usize, gather: bool)
-    )
-}
-
-/// # Safety
-/// As [`gather_add`] and [`scatter_add`] check.
-#[inline(always)]
-unsafe fn move_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    x: *mut T,
-    table: *mut f32,
-    columns: usize,
-    index: &[i32],
-    first: usize,
-    gather: bool,
-) {
-    for (i, &row) in index.iter().enumerate() {
-        let x = x.add(i * columns);
-        let row = table.add((row as usize - first) * columns);
-        for j in (0..columns).step_by(LANES) {
-            let (x, row) = (x.add(j), row.add(j));
-            let sum = S::add(T::load::<S>(x), S::load(row));
-            if gather { T::store::<S>(x, sum) } else { S::store(row, sum) }
+    compiled!(isa, T, |x: *mut T,
+                       table: *mut f32,
+                       columns: usize,
+                       index: &[i32],
+                       first: usize,
+                       gather: bool| {
+        for (i, &row) in index.iter().enumerate() {
+            let x = x.add(i * columns);
+            let row = table.add((row as usize - first) * columns);
+            for j in (0..columns).step_by(LANES) {
+                let (x, row) = (x.add(j), row.add(j));
+                let sum = S::add(T::load::<S>(x), S::load(row));
+                if gather { T::store::<S>(x, sum) } else { S::store(row, sum) }
+            }
         }
-    }
+    })
 }

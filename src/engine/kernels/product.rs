@@ -7,7 +7,7 @@ use super::amx;
 use super::buffer::Buffer;
 use super::packed::{PANEL, Packed};
 use super::simd::{LANES, Number, Simd, silu};
-use super::{Function, Isa, dispatch};
+use super::{Function, Isa, compiled, dispatch};
 
 /// Most rows of a tile in registers.
 const ROWS: usize = 6;
@@ -79,14 +79,30 @@ pub fn product<T: Number>(
     }
     let (x, out) = (x.as_ptr(), &mut out);
     // SAFETY: lengths and indices were checked above.
-    dispatch!(
-        isa,
-        T,
-        panels(
-            weight: &Packed<T>, x: *const T, stride: usize, n: usize, addend: Addend<T>,
-            function: Function, out: &mut Output<T>
-        )
-    )
+    compiled!(isa, T, |weight: &Packed<T>,
+                       x: *const T,
+                       stride: usize,
+                       n: usize,
+                       addend: Addend<T>,
+                       function: Function,
+                       out: &mut Output<T>| {
+        // All panels of columns.
+        let mut w = weight.start();
+        let mut column = 0;
+        let steps = weight.inputs().div_ceil(T::STEP);
+        for &vectors in weight.panels() {
+            let place = (column, weight.columns());
+            match vectors {
+                1 => panel::<S, T, MR, 1>(w, steps, place, x, stride, n, addend, function, out),
+                2 if WIDE => panel::<S, T, MR, 2>(w, steps, place, x, stride, n, addend, function, out),
+                3 if WIDE => panel::<S, T, MR, 3>(w, steps, place, x, stride, n, addend, function, out),
+                4 if WIDE => panel::<S, T, MR, 4>(w, steps, place, x, stride, n, addend, function, out),
+                _ => unreachable!("panels were packed for another instruction set"),
+            }
+            w = w.add(steps * vectors * LANES * T::STEP);
+            column += vectors * LANES;
+        }
+    })
 }
 
 /// Whether the first n of a list are all in a range.
@@ -99,37 +115,6 @@ pub(super) fn rows_within(list: &[i32], n: usize, rows: std::ops::Range<usize>) 
     let least = list.iter().fold(i32::MAX, |m, &i| m.min(i));
     let largest = list.iter().fold(i32::MIN, |m, &i| m.max(i));
     least >= 0 && least as usize >= rows.start && (largest as usize) < rows.end
-}
-
-/// All panels of columns.
-///
-/// # Safety
-/// As [`product`] checks.
-#[inline(always)]
-unsafe fn panels<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    weight: &Packed<T>,
-    x: *const T,
-    stride: usize,
-    n: usize,
-    addend: Addend<T>,
-    function: Function,
-    out: &mut Output<T>,
-) {
-    let mut w = weight.start();
-    let mut column = 0;
-    let steps = weight.inputs().div_ceil(T::STEP);
-    for &vectors in weight.panels() {
-        let place = (column, weight.columns());
-        match vectors {
-            1 => panel::<S, T, MR, 1>(w, steps, place, x, stride, n, addend, function, out),
-            2 if WIDE => panel::<S, T, MR, 2>(w, steps, place, x, stride, n, addend, function, out),
-            3 if WIDE => panel::<S, T, MR, 3>(w, steps, place, x, stride, n, addend, function, out),
-            4 if WIDE => panel::<S, T, MR, 4>(w, steps, place, x, stride, n, addend, function, out),
-            _ => unreachable!("panels were packed for another instruction set"),
-        }
-        w = w.add(steps * vectors * LANES * T::STEP);
-        column += vectors * LANES;
-    }
 }
 
 /// One panel of columns, MR rows at a time.

@@ -4,7 +4,7 @@
 
 use super::product::rows_within;
 use super::simd::{LANES, Number, Simd, exp};
-use super::{Isa, dispatch, padded};
+use super::{Isa, compiled, padded};
 
 /// Stabilises the division of a layer norm, as in PyTorch.
 const NORM_EPSILON: f32 = 1e-5;
@@ -116,34 +116,22 @@ fn norms_of<T: Number>(
     assert!(fits, "output of a layer norm");
     let (x, out) = (x.as_ptr(), &mut out);
     // SAFETY: lengths and indices were checked above.
-    dispatch!(
-        isa,
-        T,
-        norms(norm: &Norm, x: *const f32, n: usize, out: &mut Normed<T>, keep: Option<(*mut T, *mut f32)>)
-    )
-}
-
-/// Rows in fours, whose chains of additions the processor then overlaps.
-///
-/// # Safety
-/// As [`layer_norm`] checks.
-#[inline(always)]
-unsafe fn norms<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    norm: &Norm,
-    x: *const f32,
-    n: usize,
-    out: &mut Normed<T>,
-    keep: Option<(*mut T, *mut f32)>,
-) {
-    let mut i = 0;
-    while WIDE && i + 8 <= n {
-        norm_rows::<S, T, 8>(norm, x, i, out, keep);
-        i += 8;
-    }
-    while i < n {
-        norm_rows::<S, T, 1>(norm, x, i, out, keep);
-        i += 1;
-    }
+    compiled!(isa, T, |norm: &Norm,
+                       x: *const f32,
+                       n: usize,
+                       out: &mut Normed<T>,
+                       keep: Option<(*mut T, *mut f32)>| {
+        // Rows together, whose chains of additions the processor then overlaps.
+        let mut i = 0;
+        while WIDE && i + 8 <= n {
+            norm_rows::<S, T, 8>(norm, x, i, out, keep);
+            i += 8;
+        }
+        while i < n {
+            norm_rows::<S, T, 1>(norm, x, i, out, keep);
+            i += 1;
+        }
+    })
 }
 
 /// Rows `at..at + R`.
@@ -273,20 +261,11 @@ pub fn narrow<T: Number>(isa: Isa, x: &[f32], out: &mut [T]) {
     assert!(out.len() == x.len() && x.len().is_multiple_of(LANES), "rows to be rounded");
     let (x, out, n) = (x.as_ptr(), out.as_mut_ptr(), x.len());
     // SAFETY: both have n numbers, whole vectors.
-    dispatch!(isa, T, narrow_all(x: *const f32, out: *mut T, n: usize))
-}
-
-/// # Safety
-/// As [`narrow`] checks.
-#[inline(always)]
-unsafe fn narrow_all<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    x: *const f32,
-    out: *mut T,
-    n: usize,
-) {
-    for i in (0..n).step_by(LANES) {
-        T::store::<S>(out.add(i), S::load(x.add(i)));
-    }
+    compiled!(isa, T, |x: *const f32, out: *mut T, n: usize| {
+        for i in (0..n).step_by(LANES) {
+            T::store::<S>(out.add(i), S::load(x.add(i)));
+        }
+    })
 }
 
 /// `x[i] += mean of table[k] over k in member[row[i]..row[i + 1]]`, rows of `width` numbers, a whole number of
@@ -299,31 +278,20 @@ pub fn add_means(isa: Isa, x: &mut [f32], width: usize, table: &[f32], row: &[u3
     assert!(rows_within(members, members.len(), 0..table.len() / width), "members of means");
     let (x, table) = (x.as_mut_ptr(), table.as_ptr());
     // SAFETY: lengths and indices were checked above.
-    dispatch!(isa, T, means(x: *mut f32, width: usize, table: *const f32, row: &[u32], member: &[i32]))
-}
-
-/// # Safety
-/// As [`add_means`] checks.
-#[inline(always)]
-unsafe fn means<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    x: *mut f32,
-    width: usize,
-    table: *const f32,
-    row: &[u32],
-    member: &[i32],
-) {
-    for (i, bounds) in row.windows(2).enumerate() {
-        let list = &member[bounds[0] as usize..bounds[1] as usize];
-        let weight = S::splat(1.0 / list.len() as f32);
-        for j in (0..width).step_by(LANES) {
-            let to = x.add(i * width + j);
-            let mut sum = S::load(to);
-            for &k in list {
-                sum = S::fma(weight, S::load(table.add(k as usize * width + j)), sum);
+    compiled!(isa, T, |x: *mut f32, width: usize, table: *const f32, row: &[u32], member: &[i32]| {
+        for (i, bounds) in row.windows(2).enumerate() {
+            let list = &member[bounds[0] as usize..bounds[1] as usize];
+            let weight = S::splat(1.0 / list.len() as f32);
+            for j in (0..width).step_by(LANES) {
+                let to = x.add(i * width + j);
+                let mut sum = S::load(to);
+                for &k in list {
+                    sum = S::fma(weight, S::load(table.add(k as usize * width + j)), sum);
+                }
+                S::store(to, sum);
             }
-            S::store(to, sum);
         }
-    }
+    })
 }
 
 /// Softmax of `scale * x[i]` over the first n numbers of each row of `width`, a whole number of vectors, in place
@@ -335,35 +303,25 @@ pub fn softmax(isa: Isa, x: &mut [f32], width: usize, n: usize, scale: f32) {
         "rows of a softmax"
     );
     // SAFETY: whole rows of whole vectors.
-    dispatch!(isa, T, softmax_rows(x: &mut [f32], width: usize, n: usize, scale: f32))
-}
-
-/// # Safety
-/// As [`softmax`] checks.
-#[inline(always)]
-unsafe fn softmax_rows<S: Simd, T: Number, const MR: usize, const WIDE: bool>(
-    x: &mut [f32],
-    width: usize,
-    n: usize,
-    scale: f32,
-) {
-    for row in x.chunks_exact_mut(width) {
-        // Whatever stands in the padding, it leaves as zero.
-        row[n..].fill(f32::NEG_INFINITY);
-        let largest = row.iter().fold(f32::NEG_INFINITY, |m, &v| m.max(v));
-        let p = row.as_mut_ptr();
-        for j in (0..width).step_by(LANES) {
-            let v = S::sub(S::load(p.add(j)), S::splat(largest));
-            S::store(p.add(j), exp::<S>(S::mul(S::splat(scale), v)));
+    compiled!(isa, T, |x: &mut [f32], width: usize, n: usize, scale: f32| {
+        for row in x.chunks_exact_mut(width) {
+            // Whatever stands in the padding, it leaves as zero.
+            row[n..].fill(f32::NEG_INFINITY);
+            let largest = row.iter().fold(f32::NEG_INFINITY, |m, &v| m.max(v));
+            let p = row.as_mut_ptr();
+            for j in (0..width).step_by(LANES) {
+                let v = S::sub(S::load(p.add(j)), S::splat(largest));
+                S::store(p.add(j), exp::<S>(S::mul(S::splat(scale), v)));
+            }
+            std::slice::from_raw_parts_mut(p.add(n), width - n).fill(0.0);
+            let mut sum = S::splat(0.0);
+            for j in (0..width).step_by(LANES) {
+                sum = S::add(sum, S::load(p.add(j)));
+            }
+            let inverse = S::splat(1.0 / S::sum(sum));
+            for j in (0..width).step_by(LANES) {
+                S::store(p.add(j), S::mul(S::load(p.add(j)), inverse));
+            }
         }
-        std::slice::from_raw_parts_mut(p.add(n), width - n).fill(0.0);
-        let mut sum = S::splat(0.0);
-        for j in (0..width).step_by(LANES) {
-            sum = S::add(sum, S::load(p.add(j)));
-        }
-        let inverse = S::splat(1.0 / S::sum(sum));
-        for j in (0..width).step_by(LANES) {
-            S::store(p.add(j), S::mul(S::load(p.add(j)), inverse));
-        }
-    }
+    })
 }
