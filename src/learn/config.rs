@@ -19,6 +19,17 @@ pub enum BestOf {
     Last,
 }
 
+/// What a training goes through learning rates, unrolls and restarts by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Schedule {
+    /// Its updates.
+    #[default]
+    Updates,
+    /// The share of `max_minutes` that has passed: fast and slow networks come to the end of the decay alike.
+    Time,
+}
+
 /// Shape of the learning rate after its constant part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -41,10 +52,12 @@ pub struct TrainingConfig {
     pub micro_batch: usize,
     /// Arithmetic of the large matrix products; weights, sums and the optimiser stay in fp32.
     pub precision: Precision,
-    /// Optimisation steps.
+    /// Optimisation steps; with [`Schedule::Time`] the length of the schedule in them, however many are made.
     pub steps: u64,
-    /// Stop after this many minutes of training, whatever the step; the schedule depends on steps only.
+    /// Stop after this many minutes of training, whatever the step.
     pub max_minutes: Option<f64>,
+    /// What the schedule goes by.
+    pub schedule: Schedule,
     /// Learning rate before the decay.
     pub learning_rate: f64,
     /// Learning rate at the end of the decay and after it.
@@ -118,6 +131,7 @@ impl Default for TrainingConfig {
             precision: Precision::Fp32,
             steps: 100_000,
             max_minutes: None,
+            schedule: Schedule::default(),
             learning_rate: 1e-3,
             learning_rate_end: 1e-5,
             warmup_steps: 0,
@@ -147,7 +161,15 @@ impl Default for TrainingConfig {
 }
 
 impl TrainingConfig {
-    /// Learning rate of step `step` (0-based).
+    /// Place in the schedule, in steps of it, of step `step` after so many seconds of training.
+    pub fn place(&self, step: u64, seconds: f64) -> u64 {
+        match (self.schedule, self.max_minutes) {
+            (Schedule::Time, Some(most)) => (self.steps as f64 * (seconds / (60.0 * most)).min(1.0)) as u64,
+            _ => step,
+        }
+    }
+
+    /// Learning rate at step `step` (0-based) of the schedule.
     pub fn learning_rate_at(&self, step: u64) -> f64 {
         let warm = if step < self.warmup_steps { (step + 1) as f64 / self.warmup_steps as f64 } else { 1.0 };
         let next = self.restarts.partition_point(|r| r.step <= step);
@@ -170,7 +192,7 @@ impl TrainingConfig {
         warm * rate
     }
 
-    /// Model steps unrolled in the loss of step `step`.
+    /// Model steps unrolled in the loss at step `step` of the schedule.
     pub fn unroll_at(&self, step: u64) -> usize {
         self.unroll.iter().filter(|u| u[0] <= step).map(|u| u[1] as usize).next_back().unwrap_or(1)
     }

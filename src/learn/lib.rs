@@ -18,6 +18,6 @@ mod tests;
 mod workload;
 
 pub use backend::{Backend, Batch, Example, Learned, Rollout};
-pub use config::{BestOf, Decay, Restart, TrainingConfig};
+pub use config::{BestOf, Decay, Restart, Schedule, TrainingConfig};
 pub use native::{NativeBackend, share_out};
 pub use workload::Workload;

@@ -22,7 +22,7 @@ pub struct Progress {
     pub updates: u64,
     /// Graphs seen times unrolled steps.
     pub samples: u64,
-    /// Seconds of training.
+    /// Seconds of training by the first rank's clock, from which the next step has its place in the schedule.
     pub seconds: f64,
     /// Seed of the run.
     pub seed: u64,

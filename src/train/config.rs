@@ -4,7 +4,7 @@
 
 use crate::delta;
 use m4gn_base::{Error, Result};
-use m4gn_learn::TrainingConfig;
+use m4gn_learn::{Schedule, TrainingConfig};
 use m4gn_mesh::NodeType;
 use m4gn_model::{
     Activation, Architecture, ArchitectureKeys, ContactSpec, FieldSpec, KindName, MacroSpec, ModelSpec,
@@ -221,6 +221,9 @@ impl Config {
             if !fits(value) {
                 return bad(&format!("training.{key}"), &value.to_string(), expected);
             }
+        }
+        if t.schedule == Schedule::Time && t.max_minutes.is_none() {
+            return bad("training.schedule", "\"time\" without max_minutes", "max_minutes");
         }
         if !t.restarts.is_sorted_by(|a, b| a.step < b.step) {
             return Err(Error::Input("training.restarts: expected ascending steps".into()));

@@ -46,6 +46,20 @@ fn a_restart_decays_to_the_last_step() {
     assert!((t.learning_rate_at(6000) - 1e-6).abs() < 1e-18);
 }
 
+/// Half of 2 minutes is the middle of 1000 steps, at 10 updates or at 5000.
+#[test]
+fn a_schedule_by_time_goes_by_its_share() {
+    let text = "steps = 1000\nschedule = \"time\"\nmax_minutes = 2.0\n";
+    let small = SMALL.replace("steps = 10\n", text).replace("decay_start = 1000", "decay_start = 0");
+    let t = Config::parse(&small).unwrap().training;
+    for step in [10, 5000] {
+        let places = [0.0, 60.0, 119.99, 120.0, 130.0].map(|seconds| t.place(step, seconds));
+        assert_eq!(places, [0, 500, 999, 1000, 1000]);
+        assert_eq!(TrainingConfig { schedule: Schedule::Updates, ..t.clone() }.place(step, 60.0), step);
+    }
+    assert!((t.learning_rate_at(t.place(10, 60.0)) - 1e-5).abs() < 1e-18);
+}
+
 #[test]
 fn what_a_shorter_training_does_not_reach_is_named() {
     let mut t = TrainingConfig {
@@ -108,6 +122,7 @@ fn each_wrong_value_is_named() {
         ("[training]", "[training]\nema_decay = 1.0", "training.ema_decay"),
         ("[training]", "[training]\nnoise_spread = 0.5", "training.noise_spread"),
         (" steps = 10\n", " steps = 0\n", "training.steps"),
+        ("[training]", "[training]\nschedule = \"time\"", "expected max_minutes"),
         ("[training]", "[training]\nvalidation_rollouts = 0", "training.validation_rollouts"),
         (
             "[training]",

@@ -92,7 +92,7 @@ fn survey(folder: &Path, config: &Config, from: Option<&Model>, report: &Report)
     let unreached = config.training.unreached();
     if config.training.steps > 0 && !unreached.is_empty() {
         report.line(&format!(
-            "note: the training ends at step {}, and {}: shorten them as well, if that is not meant",
+            "note: the schedule ends at step {}, and {}: shorten them as well, if that is not meant",
             config.training.steps,
             unreached.join("; ")
         ));

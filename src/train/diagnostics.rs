@@ -2,7 +2,7 @@
 //! that become worse.
 
 use super::log::Row;
-use m4gn_learn::{BestOf, TrainingConfig};
+use m4gn_learn::{BestOf, Schedule, TrainingConfig};
 use m4gn_report::number;
 
 /// Rows of the log whose mean is compared: single ones vary with the examples that were drawn.
@@ -36,8 +36,11 @@ impl Advice {
 /// A loss that has grown, while the normalisers and the unrolled steps, by which it changes too, stayed.
 fn loss(rows: &[Row], t: &TrainingConfig) -> Option<String> {
     let first = |row: &Row| row.step.saturating_sub(t.log_interval);
-    let unroll = t.unroll_at(rows.last()?.step.checked_sub(1)?);
-    let alike = |row: &&Row| first(row) >= t.normaliser_steps && t.unroll_at(first(row)) == unroll;
+    // Where the schedule goes by time, that of the row's end.
+    let unroll_at = |step: u64, row: &Row| t.unroll_at(t.place(step, row.seconds));
+    let last = rows.last()?;
+    let unroll = unroll_at(last.step.checked_sub(1)?, last);
+    let alike = |row: &&Row| first(row) >= t.normaliser_steps && unroll_at(first(row), row) == unroll;
     let start = rows.len() - rows.iter().rev().take_while(alike).count();
     let means = rows[start..].windows(ROWS).map(|rows| {
         let sum: f64 = rows.iter().map(|row| row.loss).sum();
@@ -98,7 +101,10 @@ fn validation(rows: &[Row], t: &TrainingConfig) -> Option<String> {
 
 /// What is said where the time has run out, with what of the schedule was not come to.
 pub(super) fn stopped(t: &TrainingConfig, step: u64) -> String {
-    let unreached = TrainingConfig { steps: step, ..t.clone() }.unreached();
+    let unreached = match t.schedule {
+        Schedule::Updates => TrainingConfig { steps: step, ..t.clone() }.unreached(),
+        Schedule::Time => Vec::new(),
+    };
     match unreached.is_empty() {
         true => format!("stopped at step {step}: max_minutes reached"),
         false => format!(
@@ -202,5 +208,7 @@ mod tests {
             TrainingConfig { steps: 1000, decay_steps: 1000, unroll: vec![], ..TrainingConfig::default() };
         assert!(stopped(&t, 400).contains("the decay of the learning rate ends at step 1000"));
         assert_eq!(stopped(&t, 1000), "stopped at step 1000: max_minutes reached");
+        let t = TrainingConfig { schedule: Schedule::Time, ..t };
+        assert_eq!(stopped(&t, 400), "stopped at step 400: max_minutes reached");
     }
 }

@@ -33,7 +33,7 @@ impl Trainer<'_> {
         if self.learns(self.progress.step) {
             self.learn(self.progress.step)?;
         }
-        self.progress.seconds = self.seconds();
+        self.progress.seconds = self.seconds_of_all();
         if !self.comm.is_root() {
             return self.comm.agree(Ok(()));
         }

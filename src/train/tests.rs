@@ -53,6 +53,18 @@ fn interrupted_anywhere_and_resumed_it_is_the_uninterrupted_one_bit_for_bit() {
 }
 
 #[test]
+fn a_training_by_time_ends_with_it_at_the_end_of_its_schedule() {
+    let folder = folder();
+    let request = request(folder.path(), "time", "schedule = \"time\"\nmax_minutes = 0.02", 2);
+    edit(&request.config, "decay_steps = 1000", "decay_steps = 2\nlearning_rate_end = 1e-4");
+    let figures = run(&request).unwrap();
+    let figure = |name: &str| figures[name].as_f64().unwrap();
+    assert!(figure("seconds") >= 1.2 && figure("steps") > 2.0, "{figures}");
+    let log = std::fs::read_to_string(request.log()).unwrap();
+    assert_eq!(log.lines().last().unwrap().split(',').nth(3), Some("1.000000e-4"));
+}
+
+#[test]
 fn training_lowers_the_loss_and_leaves_a_model() {
     let folder = folder();
     for (precision, optimiser, most) in [("fp32", "adam", 0.3), ("bf16", "adam", 0.35), ("fp32", "muon", 0.3)]

@@ -13,7 +13,7 @@ use m4gn_engine::backward::{Layout, Optimiser, norm};
 use m4gn_learn::Workload;
 use m4gn_learn::data_parallel::learn_together;
 use m4gn_learn::normaliser::Normaliser;
-use m4gn_learn::{Backend, Batch, Example, Learned, TrainingConfig};
+use m4gn_learn::{Backend, Batch, Example, Learned, Schedule, TrainingConfig};
 use m4gn_model::{Model, ModelSpec, Output};
 use m4gn_parallel::Comm;
 use m4gn_report::number;
@@ -173,14 +173,14 @@ impl Trainer<'_> {
         let t = &self.config.training;
         let mut advice = Advice::default();
         report.begin(t.steps, self.progress.step);
-        while self.progress.step < t.steps {
+        let end = if t.schedule == Schedule::Time { u64::MAX } else { t.steps };
+        while self.progress.step < end {
             if self.comm.any(stop.load(Ordering::Relaxed) != 0) {
                 report.end();
                 self.save()?;
                 return Err(Error::Interrupted(format!(
-                    "interrupted at step {} of {}; saved in {}. Carry on with the same command and --resume",
+                    "interrupted at step {}; saved in {}. Carry on with the same command and --resume",
                     self.progress.step,
-                    t.steps,
                     self.request.checkpoint().display()
                 )));
             }
@@ -189,10 +189,9 @@ impl Trainer<'_> {
                 return Err(error);
             }
             let step = self.progress.step;
-            // The clocks of ranks differ; the first one's counts.
-            let late = t.max_minutes.is_some_and(|most| self.seconds() >= 60.0 * most);
-            let out_of_time = self.comm.any(self.comm.is_root() && late);
-            let last = step == t.steps || out_of_time;
+            self.progress.seconds = self.seconds_of_all();
+            let out_of_time = t.max_minutes.is_some_and(|most| self.progress.seconds >= 60.0 * most);
+            let last = step == end || out_of_time;
             let validated = last || step.is_multiple_of(t.validation_interval);
             let validations = if validated { self.validate(report)? } else { Vec::new() };
             if validated || step.is_multiple_of(t.log_interval) {
@@ -205,7 +204,7 @@ impl Trainer<'_> {
                     told.iter().for_each(|text| report.line(text));
                 }
             }
-            report.advance(step);
+            report.advance(self.place(step));
             if last || step.is_multiple_of(t.checkpoint_interval) {
                 self.save()?;
             }
@@ -230,7 +229,7 @@ impl Trainer<'_> {
         // Random numbers belong to the step, not to a stream that would have to be saved.
         let mut rng = ChaCha8Rng::seed_from_u64(t.seed);
         rng.set_stream(step + 1);
-        let unroll = t.unroll_at(step);
+        let unroll = t.unroll_at(self.place(step));
         let span = unroll * self.work.frames_a_step;
         let examples: Vec<Example> = (0..t.batch_size)
             .map(|_| {
@@ -295,10 +294,11 @@ impl Trainer<'_> {
         };
         let t = &self.config.training;
         let (length, losses) = (norm(&gradient), learned.losses);
-        let rate = t.learning_rate_at(step);
+        let place = self.place(step);
+        let rate = t.learning_rate_at(place);
         self.optimiser.update(&gradient, length, rate, t.gradient_clip, t.ema_decay);
         self.progress.updates = self.optimiser.updates;
-        self.progress.samples += (t.batch_size * t.unroll_at(step)) as u64;
+        self.progress.samples += (t.batch_size * t.unroll_at(place)) as u64;
         let weighted = self.weighted(&losses);
         let (rows, loss, gradient, sums) = &mut self.progress.interval;
         *rows += 1;
@@ -326,11 +326,12 @@ impl Trainer<'_> {
         let (rows, loss, gradient, sums) = std::mem::take(&mut self.progress.interval);
         let n = rows.max(1) as f64;
         let outputs = self.loss_weights().len();
+        let place = self.place(self.progress.step.saturating_sub(1));
         Row {
             step: self.progress.step,
             samples: self.progress.samples,
             seconds,
-            learning_rate: self.config.training.learning_rate_at(self.progress.step.saturating_sub(1)),
+            learning_rate: self.config.training.learning_rate_at(place),
             loss: loss / n,
             losses: (0..outputs).map(|i| sums.get(i).map_or(0.0, |s| s / n)).collect(),
             gradient: gradient / n,
@@ -340,5 +341,17 @@ impl Trainer<'_> {
 
     pub(super) fn seconds(&self) -> f64 {
         self.resumed_seconds + self.started.elapsed().as_secs_f64()
+    }
+
+    /// [`Self::seconds`] of the first rank: the clocks of ranks differ. Collective.
+    pub(super) fn seconds_of_all(&self) -> f64 {
+        let mut seconds = [if self.comm.is_root() { self.seconds() } else { 0.0 }];
+        self.comm.max_f64(&mut seconds);
+        seconds[0]
+    }
+
+    /// Place of a step in the schedule, the same on all ranks.
+    fn place(&self, step: u64) -> u64 {
+        self.config.training.place(step, self.progress.seconds)
     }
 }

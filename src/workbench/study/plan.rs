@@ -16,7 +16,7 @@ pub struct Plan {
     pub title: String,
     /// Updates of every training. Of this and `minutes` one is given, or none: then each configuration says its own.
     pub steps: Option<u64>,
-    /// Time of every training, min.
+    /// Time of every training, min, in which it goes through the schedule of its configuration.
     pub minutes: Option<f64>,
     /// Seeds of every training.
     #[serde(default = "one_seed")]
@@ -217,7 +217,8 @@ impl Plan {
     }
 
     /// The configuration of a network on a data set: the data set's file, what it sets, and what the network sets. The study's budget, where
-    /// it has one, takes the place of the configuration's; one of steps is where the learning rate reaches its end.
+    /// it has one, takes the place of the configuration's; one of steps is where the learning rate reaches its end, one of
+    /// minutes where the schedule does.
     ///
     /// # Errors
     /// As [`delta::table`].
@@ -239,11 +240,13 @@ impl Plan {
         if let Some(training) = training.as_table_mut() {
             if let Some(minutes) = self.minutes {
                 training.insert("max_minutes".into(), minutes.into());
+                training.insert("schedule".into(), "time".into());
             }
             if let Some(steps) = self.steps {
                 let steps = i64::try_from(steps).unwrap_or(i64::MAX);
                 training.insert("steps".into(), steps.into());
                 training.remove("max_minutes");
+                training.remove("schedule");
                 let start =
                     training.get("decay_start").and_then(Value::as_integer).unwrap_or(0).min(steps - 1);
                 training.insert("decay_start".into(), start.into());
@@ -310,12 +313,16 @@ data = ["flow"]
         assert_eq!(whole, expected.parse::<Table>().unwrap());
         let kinds = ["M4GN", "no segments", "GCN"].map(|network| plan.kind("flow", network));
         assert_eq!(kinds, [Some("m4gn".into()), Some("m4gn".into()), None]);
-        // Without a budget it is the configuration's.
-        let own = Plan { steps: None, ..plan };
-        assert_eq!(own.check(), Ok(()));
-        let whole: Table = own.config(&own.data[1], &own.network[0]).unwrap().parse().unwrap();
-        let expected = "steps = 9\nmax_minutes = 5.0\nbatch_size = 1\n";
-        assert_eq!(whole["training"].as_table(), expected.parse::<Table>().ok().as_ref());
+        // Without a budget it is the configuration's; with one of time the schedule takes all of it.
+        for (minutes, expected) in
+            [(None, "max_minutes = 5.0"), (Some(2.0), "max_minutes = 2.0\nschedule = \"time\"")]
+        {
+            let own = Plan { steps: None, minutes, ..plan.clone() };
+            assert_eq!(own.check(), Ok(()));
+            let whole: Table = own.config(&own.data[1], &own.network[0]).unwrap().parse().unwrap();
+            let expected = format!("steps = 9\nbatch_size = 1\n{expected}\n");
+            assert_eq!(whole["training"].as_table(), expected.parse::<Table>().ok().as_ref());
+        }
     }
 
     /// Appendix B.2 and B.3.
