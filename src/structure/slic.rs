@@ -42,7 +42,7 @@ struct Features {
 /// would lose all its cells keeps the one nearest to its centroid.
 ///
 /// # Errors
-/// [`Error::Input`] if the obstacle's distance is a feature and there is no obstacle, or if S is beyond numbers.
+/// [`Error::Input`] if the obstacle's distance is a feature and there is no obstacle, or if S or what modes are multiplied by is beyond numbers.
 pub(super) fn refine(
     mesh: &Mesh,
     spec: &SegmentSpec,
@@ -84,7 +84,8 @@ impl Features {
         }
         comm.max_f64(&mut largest);
         refuse(!largest[0].is_finite(), Error::Input, || {
-            format!("segments.size: expected a length in m like those of the mesh, found {size:e}")
+            let found = format!("found {size:e} and {weight:e}");
+            format!("segments.size and mode_scale: expected lengths in m like those of the mesh, {found}")
         })?;
         let room = 2f64.powi(61) / total as f64;
         // A power of two: `largest` carries rounding noise, the quantum must not.

@@ -90,8 +90,11 @@ fn sizes_beyond_numbers() {
         let found = refined(&mesh, &spec, &start).unwrap();
         assert!(found.contains(&0) && found.contains(&1), "{size}: {found:?}");
     }
-    let spec = SegmentSpec { size: Some(1.7e308), ..spec(2, 2) };
-    assert!(matches!(refined(&mesh, &spec, &start), Err(Error::Input(_))));
+    for (size, mode_scale) in [(1.7e308, None), (1.0, Some(1.7e308))] {
+        let spec = SegmentSpec { size: Some(size), mode_scale, ..spec(2, 2) };
+        let message = refined(&mesh, &spec, &start).unwrap_err().to_string();
+        assert!(message.contains("mode_scale") && message.contains("1.7e308"), "{message}");
+    }
 }
 
 #[test]
