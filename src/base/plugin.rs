@@ -197,7 +197,7 @@ pub fn keep_error(message: &str) {
     let _ = LAST_ERROR.try_with(|m| *m.borrow_mut() = message);
 }
 
-/// The message kept, or an empty string: what `PREFIX_last_error()` of our own library returns.
+/// The message kept, or an empty string: what `PREFIX_last_error()` returns. Each library has a copy of this code, and messages of its own.
 pub fn last_error() -> *const c_char {
     LAST_ERROR.try_with(|m| m.borrow().as_ptr()).unwrap_or(c"".as_ptr())
 }

@@ -204,7 +204,8 @@ fn gradients_are_those_of_differences_with_relu() {
     all_differences(Activation::Relu, 0.1, |width| width <= 20);
 }
 
-/// Of networks of these widths, with whose squares the time of differences grows. All widths are in the comparison of instruction sets.
+/// Of networks of the widths that are taken: the time of differences grows with the width's square. The comparison of instruction sets has
+/// all widths.
 fn all_differences(activation: Activation, tolerance: f64, taken: fn(usize) -> bool) {
     for (name, mut spec, overlap) in specs() {
         if !taken(spec.architecture.width) {

@@ -200,7 +200,7 @@ unsafe fn norm_rows<S: Simd, T: Number, const R: usize>(
     let y = |i: usize, j: usize, gain: S::V, shift: S::V| {
         S::fma(S::fma(S::load(x[i].add(j)), scale[i], offset[i]), gain, shift)
     };
-    // What is done with each vector of y, where it goes, and how far that is behind the first of these rows.
+    // Does this with each vector of y: `to` is its place in `rows`, `place` how far that is behind the first of these rows.
     macro_rules! each {
         ($rows:expr, |$to:ident, $place:pat, $y:ident| $done:expr) => {{
             let rows = $rows.add(at * columns);

@@ -124,7 +124,7 @@ pub trait Number: Plain + Default + Send + Sync + std::fmt::Debug + 'static {
     );
 }
 
-/// How a [`Number`] is loaded, stored and multiplied: by these functions of a [`Simd`].
+/// Functions of a [`Number`], by those of a [`Simd`] that load, store and multiply it.
 macro_rules! by {
     ($load:ident, $store:ident, $step:ident) => {
         #[inline(always)]

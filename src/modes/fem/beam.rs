@@ -25,7 +25,7 @@ fn far(kind: Kind, poisson: f64, ratios: [f64; 2]) -> Option<String> {
     is_far.then(|| format!("{kind:?}, nu {poisson}: {ratios:?}, expected 1 +- {bound}"))
 }
 
-/// Of the kinds that do not follow below.
+/// The kinds of elements whose convergence is not measured below.
 #[test]
 fn a_clamped_beam_bends_at_the_frequency_of_euler_and_bernoulli_in_both_directions() {
     let mut failures = Vec::new();
