@@ -240,7 +240,10 @@ impl Paired {
         for (own, other) in own.iter().zip(other) {
             let pairs: Vec<_> =
                 own.iter().filter_map(|(&path, e)| Some((path, e - other.get(path)?))).collect();
-            by_seed.push(mean(pairs.iter().map(|p| p.1)));
+            // A seed without a pair has no mean
+            if !pairs.is_empty() {
+                by_seed.push(mean(pairs.iter().map(|p| p.1)));
+            }
             pairs.iter().for_each(|&(path, d)| by_trajectory.entry(path).or_default().push(d));
         }
         let by_trajectory: Vec<f64> = by_trajectory.into_values().map(|d| mean(d.into_iter())).collect();
@@ -483,6 +486,9 @@ mod tests {
         {
             assert!((found - (1.0 - f64::exp(logarithm))).abs() < 1e-5, "{paired:?}");
         }
+        // A second seed of other trajectories tells nothing
+        let apart = [list(&[-0.2, -0.1, 0.0]), BTreeMap::from([("z", 1.0)])];
+        assert_eq!(Paired::of(&apart, &twice), Some(paired));
         // Two seeds that differ, on trajectories that do not: -.1 +- 12.706 (.1)
         let paired = Paired::of(&[list(&[0.0; 3]), list(&[-0.2; 3])], &twice).unwrap();
         assert!((paired.low - (1.0 - f64::exp(-0.1 + 1.270_62))).abs() < 1e-4, "{paired:?}");
