@@ -52,6 +52,7 @@ impl Verdict {
                 _ => format!("{solver} itself ended in an error, before any jump: {said}"),
             });
         }
+        let refused = |why: &str| last(end.decisions, "jump_ended").is_some_and(|d| d["why"] == why);
         let to_its_end = report.time > report.end_time - 0.5 * report.delta_t;
         match report {
             Report { jumped: true, steps_after: 1.., .. } => Verdict::Fits,
@@ -82,7 +83,11 @@ impl Verdict {
                     r.steps, r.time
                 ))
             }
-            r if last(end.decisions, "jump_ended").is_some() => Verdict::Open(format!(
+            r if refused("not_finite") => Verdict::No(format!(
+                "no jump was accepted in {} steps of {solver} up to time {}: what was predicted was not finite",
+                r.steps, r.time
+            )),
+            r if refused("not_accepted") => Verdict::Open(format!(
                 "no jump was accepted in {} steps of {solver} up to time {}: a stride would have changed a field by more than 3 times the most that \
                  the solver has in one, as where a flow starts up: give a start at which it has developed",
                 r.steps, r.time
@@ -91,7 +96,10 @@ impl Verdict {
                 "there was a fit, but no jump in {} steps of {solver} up to time {}: {}{}",
                 r.steps,
                 r.time,
-                more(2.0 * (end.seconds as f64).max(r.wall)),
+                match to_its_end {
+                    true => "give a later endTime".into(),
+                    false => more(2.0 * (end.seconds as f64).max(r.wall)),
+                },
                 if r.adjusts { ", or a deltaT nearer to what the time step becomes" } else { "" }
             )),
             r => Verdict::No(format!(
@@ -161,17 +169,21 @@ mod tests {
             matches!(of(&grows, "", None, false), Verdict::Open(what) if what.contains("time step grew"))
         );
         assert!(no(&Report { adjusts: true, ..made(99, 0.99) }, "").contains("do not change"));
-        let decided = |event: &str| {
-            let decisions = [serde_json::json!({ "time": 0.5, "event": event })];
+        let decided = |event: &str, why: &str, time: f64| {
+            let decisions = [serde_json::json!({ "time": 0.5, "event": event, "why": why })];
             let end = End { log: "", failed: None, late: false, seconds: 6, decisions: &decisions };
-            match Verdict::of(&Report { adjusts: true, ..made(99, 0.5) }, &end, "icoFoam") {
-                Verdict::Open(what) => what,
+            match Verdict::of(&Report { adjusts: true, ..made(99, time) }, &end, "icoFoam") {
+                Verdict::Open(what) | Verdict::No(what) => what,
                 other => panic!("{other:?}"),
             }
         };
-        assert!(decided("jump_ended").ends_with("give a start at which it has developed"));
-        assert!(decided("fit").contains(
+        assert!(
+            decided("jump_ended", "not_accepted", 0.5).ends_with("give a start at which it has developed")
+        );
+        assert!(decided("jump_ended", "not_finite", 0.5).ends_with("what was predicted was not finite"));
+        assert!(decided("fit", "settled", 0.5).contains(
             "there was a fit, but no jump in 99 steps of icoFoam up to time 0.5: give --seconds 18, or"
         ));
+        assert!(decided("fit", "settled", 1.0).contains("up to time 1: give a later endTime, or"));
     }
 }
