@@ -23,6 +23,9 @@ const CLOSES: [&str; 3] = ["fi", "done", "esac"];
 /// Lines within that are no commands.
 const BETWEEN: [&str; 3] = ["then", "else", "do"];
 
+/// Most words of loops that are written out, a loop's own in each of its lines.
+const WRITTEN_OUT: usize = 10_000;
+
 /// First fields of a case that are kept for its start.
 pub(crate) const ORIGINAL: &str = "0.orig";
 
@@ -149,7 +152,7 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
 fn lines(script: &str) -> Vec<String> {
     let mut rest: VecDeque<String> =
         script.replace("\\\n", " ").lines().map(|line| line.trim().to_string()).collect();
-    let mut lines = Vec::new();
+    let (mut lines, mut room) = (Vec::new(), WRITTEN_OUT);
     while let Some(line) = rest.pop_front() {
         let head = line.strip_suffix("do").map_or(&line[..], str::trim_end);
         let head = if head.len() < line.len() && !head.ends_with(';') { &line[..] } else { head };
@@ -167,10 +170,12 @@ fn lines(script: &str) -> Vec<String> {
             ["for", _, "in", values @ ..] if values.iter().all(plain) => rest.iter().position(closes),
             _ => None,
         };
-        let Some(end) = end.filter(|end| end * words.len() < 10_000) else {
+        let Some(end) = end.filter(|end| (end + 1) * words.len() < room) else {
             lines.push(line);
             continue;
         };
+        // Loops within loops multiply
+        room -= (end + 1) * words.len();
         let body: Vec<String> = rest.drain(..=end).filter(|l| l != "do").collect();
         for value in words[3..].iter().rev() {
             let with = |line: &String| with_value(line, words[1], value);
@@ -291,6 +296,8 @@ mod tests {
             ["cp x.1 $dd", "cp y.1 $dd", "cp x.2 $dd", "cp y.2 $dd", "for f in a; do cp $f b; done"]
         );
         assert_eq!(of_script("for i in 1\nrunApplication a\n", "icoFoam", true).prepare, [["a"]; 0]);
+        let deep = "for i in 0 1 2 3 4 5 6 7 8 9\n".repeat(12) + &"done\n".repeat(12);
+        assert!(lines(&deep).len() < WRITTEN_OUT);
     }
 
     #[test]
