@@ -42,12 +42,12 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
         // What is behind || is done where a command fails, and ends a run itself
         let ends = |w: &&str| !(w.starts_with(['#', '>']) || *w == "||");
         let mut words: Vec<&str> = all.iter().map(String::as_str).take_while(ends).collect();
-        if let Some(last) = words.last_mut() {
-            *last = last.trim_end_matches(';');
+        while words.last() == Some(&";") {
+            words.pop();
         }
         let Some(&first) = words.first() else { continue };
         // solids4foam has its own of the same names
-        let first = first.strip_prefix("solids4Foam::").unwrap_or(first).trim_end_matches(';');
+        let first = first.strip_prefix("solids4Foam::").unwrap_or(first);
         let runs = ["runApplication", "runParallel"].contains(&first);
         if runs {
             words.remove(0);
@@ -76,7 +76,7 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
                 depth == 0 && (first == "runParallel" || of_ranks && words.iter().any(parallel));
             break;
         }
-        let closes = |word: &&str| CLOSES.contains(&word.trim_end_matches(';'));
+        let closes = |word: &&str| CLOSES.contains(word);
         let opens = OPENS.contains(&first);
         if CLOSES.contains(&first) {
             depth = depth.saturating_sub(1);
@@ -96,7 +96,7 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
             "cd" if words.len() == 1 => go(&mut place, "~"),
             "cd" => {
                 let pairs = words.windows(2).filter(|pair| pair[0] == "cd");
-                pairs.for_each(|pair| go(&mut place, pair[1].trim_end_matches(';')));
+                pairs.for_each(|pair| go(&mut place, pair[1]));
             }
             _ => {}
         }
@@ -129,7 +129,7 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
             found.prepare.push(command.into_iter().map(String::from).collect());
             continue;
         }
-        let several = |word: &&str| ["&&", "|", "&"].contains(word) || word.ends_with(';');
+        let several = |word: &&str| ["&&", "|", "&", ";"].contains(word);
         if !runs || words.iter().any(|word| word.contains('$') || several(word)) {
             if !OF_SCRIPTS.iter().any(|begin| line.starts_with(begin)) {
                 found.unknown.push(line.to_string());
@@ -225,7 +225,7 @@ pub(crate) fn of_files(commands: &[Vec<String>]) -> bool {
     commands.iter().all(|c| ["cp", "mv", "mkdir", "sh"].contains(&c[0].as_str()))
 }
 
-/// The words of a line; blanks within quotes are of a word.
+/// The words of a line; blanks and semicolons within quotes are of a word, others are none or one by itself.
 fn words(line: &str) -> Vec<String> {
     let (mut words, mut word, mut quote) = (Vec::new(), None::<String>, None);
     for c in line.chars() {
@@ -236,6 +236,7 @@ fn words(line: &str) -> Vec<String> {
                 word.get_or_insert_default();
             }
             None if c.is_whitespace() => words.extend(word.take()),
+            None if c == ';' => words.extend(word.take().into_iter().chain([";".into()])),
             _ => word.get_or_insert_default().push(c),
         }
     }
@@ -269,6 +270,11 @@ mod tests {
         );
         assert_eq!(quoted.prepare, [["transformPoints", "-scale", "(2 1 1)"]]);
         assert!(!of_script("runApplication icoFoam\nrunApplication foamToVTK\n", "icoFoam", true).parallel);
+        let set =
+            "runApplication foamDictionary -set 'uniform 1;' -entry value 0/T\nrunApplication checkMesh ;\n";
+        let found = of_script(set, "icoFoam", false);
+        let command = ["foamDictionary", "-set", "uniform 1;", "-entry", "value", "0/T"].map(String::from);
+        assert_eq!(found.prepare, [command.to_vec(), vec!["checkMesh".into()]]);
     }
 
     #[test]
