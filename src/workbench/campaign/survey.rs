@@ -146,7 +146,10 @@ pub fn check_uses(source: &Source, parameters: &[Parameter]) -> Result<Vec<Strin
 /// in quotes, in place of an entry before the include, or, of a script, by its name alone.
 fn uses(text: &str, name: &str) -> bool {
     let word = |c: char| c.is_alphanumeric() || c == '_';
-    let lines: Vec<&str> = text.lines().filter(|line| !line.trim_start().starts_with("//")).collect();
+    // Of a field in binary, or compressed, some line has any short name by chance
+    let binary = |c: char| c.is_control() && !"\t\r".contains(c);
+    let counts = |line: &&str| !line.trim_start().starts_with("//") && !line.contains(binary);
+    let lines: Vec<&str> = text.lines().filter(counts).collect();
     let dollar = |line: &&str| {
         let behind = line.split('$').skip(1).map(|rest| rest.trim_start_matches(['{', '.', ':', '/']));
         behind.filter_map(|rest| rest.strip_prefix(name)).any(|rest| !rest.starts_with(word))
@@ -159,7 +162,8 @@ fn uses(text: &str, name: &str) -> bool {
     let mut depth = 0_usize;
     let outermost = |line: &&str| {
         let own = depth == 0 && line.split_whitespace().next() == Some(name) && !dollar(line);
-        depth = (depth + line.matches('{').count()).saturating_sub(line.matches('}').count());
+        let [opened, closed] = [['{', '('], ['}', ')']].map(|brackets| line.matches(brackets).count());
+        depth = (depth + opened).saturating_sub(closed);
         own
     };
     let own: Vec<bool> = lines.iter().map(outermost).collect();
@@ -234,7 +238,9 @@ mod tests {
         assert!(!uses(&format!("object U;\n{include}U 1;"), "U"), "the entry behind counts");
         assert!(!uses(&format!("{include}U 1;\na $U;"), "U"), "as for what is behind");
         assert!(!uses("U 1;\na $U;", "U"));
-        for text in ["nu $U;\nU 1;", "b\n{\n    U 1;\n}\na $U;", "U [0 1 -1 0 0 0 0] $U;\na $U;"] {
+        assert!(!uses("a\u{3}$U;\nb 1;", "U"), "numbers in binary");
+        let lists = "fields\n(\n    p\n    U\n);\na $U;";
+        for text in [lists, "nu $U;\nU 1;", "b\n{\n    U 1;\n}\na $U;", "U [0 1 -1 0 0 0 0] $U;\na $U;"] {
             assert!(uses(&format!("U 2;\n{include}{text}"), "U"), "{text}");
         }
         assert!(uses(&format!("object a;\nU 1;\n{include}"), "U"), "the one that is included counts");
