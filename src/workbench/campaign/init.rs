@@ -114,8 +114,8 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
             settings::FILE
         ));
     }
-    let of_averages = |name: &str, usual: f64| largest(&source.functions, &entries, name).unwrap_or(usual);
-    let known_when = (of_averages("minTime", 0.0), of_averages("confidence", 0.95));
+    let of_averages = |name: &str, usual: f64| largest(&source.functions, &entries, name, usual);
+    let known_when = (of_averages("minTime", 0.0).max(0.0), of_averages("confidence", 0.95));
     let mut text = text(&source, &commands.prepare, ranks, &request.parameters, known_when, &quantities);
     let (found, suggested) = checked(&source, &text, &parameters(&table, &table.rows[0]), tools)?;
     notes.push(found);
@@ -280,9 +280,9 @@ start = \"auto\"
 
 # A run ends when all quantities with a tolerance are known, not before min_time, and at end_time (the case's endTime) at the latest
 stop = true
-min_time = {min_time}
+min_time = {min_time:?}
 # end_time = {}
-confidence = {confidence}
+confidence = {confidence:?}
 # Share of the runs that are made a second time as a check: cold, without a surrogate, to end_time
 held_out = 0.1
 
@@ -321,9 +321,9 @@ mod tests {
             Source { folder: "/a/\"case\"".into(), application: "icoFoam".into(), ..Source::default() };
         let prepare = [vec!["blockMesh".to_string(), "-dict".to_string()]];
         let quantities = "[[quantity]]\nname = \"Cd\"\nfunction_object = \"forces\"\nresult = \"Cd\"\n";
-        let text = text(&source, &prepare, 2, &["Uin=1:2".parse().unwrap()], (1.5, 0.9), quantities);
+        let text = text(&source, &prepare, 2, &["Uin=1:2".parse().unwrap()], (1e30, 0.9), quantities);
         let read: settings::Settings = toml::from_str(&text).unwrap();
         assert_eq!((&read.case, &read.prepare[..], read.ranks), (&source.folder, &prepare[..], 2));
-        assert_eq!((read.quantity.len(), read.min_time, read.confidence), (1, 1.5, 0.9));
+        assert_eq!((read.quantity.len(), read.min_time, read.confidence), (1, 1e30, 0.9));
     }
 }

@@ -60,11 +60,11 @@ pub fn quantities(functions: &[(String, String)], entries: &Entries) -> Result<(
     Ok((all, known))
 }
 
-/// The largest value that an entry has in the case's own m4gnAverages.
-pub fn largest(functions: &[(String, String)], entries: &Entries, name: &str) -> Option<f64> {
+/// The largest value that an entry has in the case's own m4gnAverages, which have the usual one without it.
+pub fn largest(functions: &[(String, String)], entries: &Entries, name: &str, usual: f64) -> f64 {
     let own = functions.iter().filter(|(_, kind)| kind == "m4gnAverages");
     let value = |object: &str| (entries.value)(&format!("functions/{object}/{name}"))?.parse::<f64>().ok();
-    own.filter_map(|(object, _)| value(object)).max_by(f64::total_cmp)
+    own.map(|(object, _)| value(object).unwrap_or(usual)).max_by(f64::total_cmp).unwrap_or(usual)
 }
 
 /// What the function object m4gnAverages of this name asks for.
@@ -151,8 +151,10 @@ mod tests {
             found.map(|(_, time)| time.to_string())
         };
         let entries = Entries { value: &value, keywords: &|_| Vec::new() };
-        assert_eq!(largest(&[means, later, forces], &entries, "minTime"), Some(40.0));
-        assert_eq!(largest(&[], &entries, "minTime"), None);
+        let all = [means, later, forces];
+        assert_eq!(largest(&all, &entries, "minTime", 0.0), 40.0);
+        assert_eq!(largest(&[], &entries, "minTime", 0.0), 0.0);
+        assert_eq!(largest(&all, &entries, "confidence", 0.95), 0.95);
     }
 
     #[test]
