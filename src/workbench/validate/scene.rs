@@ -187,9 +187,9 @@ impl<'a> Scene<'a> {
     /// By how much the recorded headline field varies behind its start-up: root mean square over the second half of the steps of what differs
     /// from the mean over them, over that of the field; 0 of a field that is 0.
     pub(super) fn variation(&self) -> f64 {
-        let late = || {
-            (self.pace.steps.div_ceil(2)..=self.pace.steps).map(move |i| self.that_count(0, self.truth(0, i)))
-        };
+        // Of a single step as well there are two frames
+        let late =
+            || (self.pace.steps / 2..=self.pace.steps).map(move |i| self.that_count(0, self.truth(0, i)));
         let (mut sums, mut squares, mut n) = (Vec::<f64>::new(), 0.0f64, 0.0f64);
         for field in late() {
             sums.resize(field.len(), 0.0);

@@ -231,6 +231,12 @@ fn the_truth_has_no_error() {
     assert_eq!(row("hold_first").figures[0].rmse_1, row("persistence").figures[0].rmse_1);
 }
 
+/// From the first frame to the last in one step.
+#[test]
+fn a_single_step_moves_as_well() {
+    assert!(known(0.03, |_, _| Ok(())).variation > 0.0);
+}
+
 /// All free points are 1e-4 m too far in y: a third of the squared errors is 1e-8.
 #[test]
 fn a_shift_on_paper() {
