@@ -136,6 +136,11 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
             }
             continue;
         }
+        // What else than ending a script does then is told
+        let otherwise = all.iter().skip_while(|word| *word != "||").nth(1);
+        if otherwise.is_some_and(|word| !["exit", "return"].contains(&word.as_str())) {
+            found.unknown.extend(line.split_once("||").map(|(_, rest)| format!("||{rest}")));
+        }
         match program {
             "decomposePar" | "" => found.parallel |= program == "decomposePar",
             // The whole case is prepared
@@ -263,6 +268,10 @@ mod tests {
             vec!["topoSet".into(), "-dict".into(), "system/a".into()],
         ];
         assert_eq!(found, Commands { prepare: expected, parallel: true, unknown: vec!["rm a".into()] });
+        let either = "runApplication a || runApplication b\nrunApplication c || exit 1\n";
+        let found = of_script(either, "icoFoam", false);
+        assert_eq!(found.prepare, [["a"], ["c"]]);
+        assert_eq!(found.unknown, ["|| runApplication b"]);
         let quoted = of_script(
             "restore0Dir\nrunApplication transformPoints \\\n    -scale '(2 1 1)' # m\n",
             "icoFoam",
