@@ -436,7 +436,7 @@ plain() {
     [ $# -eq 0 ] || keep plain "$@"
 }
 
-# replaces LEAST WHAT: at least this share of the run's time was replaced.
+# replaces LEAST WHAT: at least this share of the time from timeStart on was replaced.
 replaces() {
     below "$1" "$(entry replaced_fraction)" "$2: least that is replaced"
 }

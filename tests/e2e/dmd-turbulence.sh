@@ -14,7 +14,7 @@ while read -r model names wall; do
     surrogate 'mode replace; surrogates (dmd); timeStart 0.6; dmd { snapshotInterval 0.005; minSnapshots 24; jumpTolerance 0.05; fitTolerance 0.05; }'
     solve
     control startTime 0
-    replaces 0.22 "$model"
+    replaces 0.15 "$model"
     expect_log "^m4gn: the dmd surrogate advances.*$names"
     # A field that has left its bounds
     expect_silence '[Bb]ounding' '[Ww]arning\|WARNING'
