@@ -88,8 +88,7 @@ mod tests {
         let of = |word: &str| word.parse::<Resolution>().unwrap().of(Some(0.25));
         assert_eq!((of("auto"), of("off"), of("0.5")), (Some(0.25), None, Some(0.5)));
         for word in ["", "fine", "-1", "0", "nan", "inf"] {
-            let error = word.parse::<Resolution>().unwrap_err().to_string();
-            assert!(error.contains("expected auto, off or a positive length"), "{error}");
+            m4gn_samples::fails(word.parse::<Resolution>(), &["expected auto, off or a positive length"]);
         }
     }
 

@@ -105,8 +105,7 @@ fn what_does_not_fit_is_refused() {
     };
     let cells = Model::random(m4gn_samples::model::spec(), 1).unwrap();
     let says = |result: Result<()>, word: &str| {
-        let message = result.unwrap_err().to_string();
-        assert!(message.contains(word), "{message}");
+        m4gn_samples::fails(result, &[word]);
     };
     says(new(&cells, &SessionOptions::default()), "contact");
     let torch = SessionOptions { backend: crate::Backend::Torch(None), ..SessionOptions::default() };

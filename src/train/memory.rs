@@ -86,8 +86,7 @@ mod tests {
         assert_eq!(for_frames(Some(1.5), &comm).unwrap(), 1_500_000_000);
         assert_eq!(for_frames(Some(f64::INFINITY), &comm).unwrap(), u64::MAX);
         for bad in [-1.0, f64::NAN] {
-            let message = for_frames(Some(bad), &comm).unwrap_err().to_string();
-            assert!(message.contains("--memory: found"), "{message}");
+            m4gn_samples::fails(for_frames(Some(bad), &comm), &["--memory: found"]);
         }
     }
 

@@ -18,3 +18,16 @@ pub fn distance(a: &[f32], b: &[f32]) -> f64 {
     let size: f64 = b.iter().map(|b| square(f64::from(*b))).sum();
     (apart / size).sqrt()
 }
+
+/// What is tried must fail, with all of these words in its message.
+///
+/// # Panics
+/// Where it does not.
+#[track_caller]
+pub fn fails<T>(tried: Result<T, impl std::fmt::Display>, words: &[&str]) {
+    let Err(error) = tried else { panic!("nothing failed, expected {words:?}") };
+    let said = error.to_string();
+    for word in words {
+        assert!(said.contains(word), "expected '{word}' in '{said}'");
+    }
+}

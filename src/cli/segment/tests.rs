@@ -31,8 +31,7 @@ fn bad_usage() {
         ("case --node-type =wall", "PATCH=TYPE"),
         ("--segments 3", "CASE|DATA"),
     ] {
-        let message = args(line).unwrap_err();
-        assert!(message.contains(text), "{line}: {message}");
+        m4gn_samples::fails(args(line), &[text]);
     }
     let good = args("case --node-type cylinder=obstacle --method slic").unwrap();
     assert_eq!(good.node_type, [("cylinder".to_string(), NodeType::Obstacle)]);

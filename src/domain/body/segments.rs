@@ -129,7 +129,6 @@ mod tests {
     fn a_body_that_is_held_nowhere_is_refused() {
         let mut body = sample::block([2, 1, 1], [2.0, 1.0, 1.0]);
         body.types.fill(m4gn_mesh::NodeType::Body);
-        let error = Modal::default().of_body(&body, SegmentSpec::default().modes).unwrap_err();
-        assert!(error.to_string().contains("handle"), "{error}");
+        m4gn_samples::fails(Modal::default().of_body(&body, SegmentSpec::default().modes), &["handle"]);
     }
 }

@@ -61,8 +61,7 @@ fn a_bar_with_a_consistent_mass() {
 #[test]
 fn a_pair_that_is_not_symmetric_is_refused() {
     for n in [60, 300] {
-        let error = modes(&problem(bands(n, [-1.3, 2.0, -0.7], &[1.0]), None), 4).unwrap_err();
-        assert!(error.to_string().contains("symmetric"), "{error}");
+        m4gn_samples::fails(modes(&problem(bands(n, [-1.3, 2.0, -0.7], &[1.0]), None), 4), &["symmetric"]);
     }
 }
 

@@ -217,7 +217,6 @@ mod tests {
         assert!(is(&of("1")).starts_with("Done"));
         assert_eq!(is(&of("2")), "Stale(\"case 0/U\")");
         std::fs::write(dir.path().join(DONE), "{").unwrap();
-        let message = state(dir.path(), &of("1")).unwrap_err().to_string();
-        assert!(message.contains("done: is not what 'm4gn campaign' wrote"), "{message}");
+        m4gn_samples::fails(state(dir.path(), &of("1")), &["done: is not what 'm4gn campaign' wrote"]);
     }
 }

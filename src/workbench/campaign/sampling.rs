@@ -206,8 +206,7 @@ mod tests {
             ("a=(1 0 0)", "of a vector each component is a parameter"),
             ("a=1,nan", "of numbers or words"),
         ] {
-            let message = text.parse::<Parameter>().unwrap_err().to_string();
-            assert!(message.contains(expected), "{message}");
+            m4gn_samples::fails(text.parse::<Parameter>(), &[expected]);
         }
     }
 

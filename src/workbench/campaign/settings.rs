@@ -248,8 +248,7 @@ mod tests {
             ("\"forces\"", "\"a; b\"", "expected a word"),
         ] {
             assert!(GOOD.contains(from), "{from}");
-            let message = read(&GOOD.replacen(from, to, 1)).unwrap_err().to_string();
-            assert!(message.contains(expected) && message.contains(FILE), "{to}: {message}");
+            m4gn_samples::fails(read(&GOOD.replacen(from, to, 1)), &[expected, FILE]);
         }
         let none = read(&GOOD.replace("relative = 0.01", "")).unwrap();
         assert!(none.check_quantities(Path::new("c")).unwrap_err().to_string().contains("stop = false"));

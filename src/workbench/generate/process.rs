@@ -200,6 +200,7 @@ pub fn find_program(name: &str) -> Option<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use m4gn_samples::fails;
 
     static GO: AtomicU8 = AtomicU8::new(0);
     static STOP: AtomicU8 = AtomicU8::new(1);
@@ -217,12 +218,9 @@ mod tests {
         assert_eq!(std::fs::read_to_string(dir.path().join("log.sh")).unwrap(), "b\n");
         let fatal =
             "printf -- '--> FOAM FATAL ERROR: \\n\\nm4gnRecorder cannot record: full\\n\\n From\\n'; exit 1";
-        let message = run(surroundings(&GO, 9000), fatal).unwrap_err().to_string();
-        assert!(message.contains("log.sh") && message.contains("cannot record: full"), "{message}");
-        let killed = run(surroundings(&GO, 9000), "kill -9 $$").unwrap_err().to_string();
-        assert!(killed.contains("signal: 9"), "{killed}");
-        let late = run(surroundings(&GO, 100), "sleep 60").unwrap_err().to_string();
-        assert!(late.contains("--timeout"), "{late}");
+        fails(run(surroundings(&GO, 9000), fatal), &["log.sh", "cannot record: full"]);
+        fails(run(surroundings(&GO, 9000), "kill -9 $$"), &["signal: 9"]);
+        fails(run(surroundings(&GO, 100), "sleep 60"), &["--timeout"]);
         assert!(matches!(run(surroundings(&STOP, 9000), "sleep 60"), Err(Error::Interrupted(_))));
         // A signal to the whole job ends the tool before it is heard of here
         assert!(matches!(run(surroundings(&STOP, 9000), "kill -15 $$"), Err(Error::Interrupted(_))));
