@@ -71,8 +71,7 @@ fn a_file_that_may_not_grow_is_an_error_with_a_message() {
         json.display(),
         model().display()
     );
-    let run = Command::new("bash").args(["-c", &script]).output().unwrap();
-    fails(&run, "File too large");
+    fails(&Command::new("bash").args(["-c", &script]).output().unwrap(), "File too large");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left behind");
 }
 

@@ -1,6 +1,6 @@
 //! `m4gn train` from outside: its files, its refusals, and how the process ends.
 
-use crate::program::{self, failure, figures, success};
+use crate::program::{self, failure, figures, refused, success};
 use m4gn_data::Split;
 use m4gn_engine::torch::LIBRARY;
 use m4gn_mesh::NodeType;
@@ -211,9 +211,8 @@ fn a_training_has_its_files_for_itself() {
     let folder = folder();
     // Of another ending, with the same checkpoint and log
     let held = m4gn_base::lock::file(&folder.path().join("a.checkpoint")).unwrap();
-    let refused = failure(&train(folder.path(), "a.safetensors", &["--steps", "4"]));
     let expected = format!("a.checkpoint: is being written by process {} on ", std::process::id());
-    assert!(refused.contains(&expected), "{refused}");
+    refused(&train(folder.path(), "a.safetensors", &["--steps", "4"]), &expected);
     assert!(!folder.path().join("a.csv").exists() && !folder.path().join("a.safetensors").exists());
     drop(held);
     assert!(train(folder.path(), "a.safetensors", &["--steps", "4"]).status.success());
@@ -251,14 +250,10 @@ fn a_model_says_what_it_was_trained_on_and_an_older_one_can_be_told() {
     assert_eq!(figures(folder.path().join("new.json"))["trained_on"]["inputs"][1]["field"], "p");
     assert_eq!((&new.tensors, &new.spec.training), (&model.tensors, &model.spec.training));
     assert!(!folder.path().join("new.checkpoint").exists());
-    let said = failure(&train(
-        folder.path(),
-        "a.safetensors",
-        &["--resume", "--from", "old.safetensors", "--steps", "0"],
-    ));
-    assert!(said.contains("a.checkpoint holds an earlier training"), "{said}");
-    let said = failure(&train(folder.path(), "b.safetensors", &["--steps", "0"]));
-    assert!(said.contains("--from MODEL"), "{said}");
+    let options = ["--resume", "--from", "old.safetensors", "--steps", "0"];
+    let held = "a.checkpoint holds an earlier training";
+    refused(&train(folder.path(), "a.safetensors", &options), held);
+    refused(&train(folder.path(), "b.safetensors", &["--steps", "0"]), "--from MODEL");
 }
 
 #[test]
@@ -273,16 +268,14 @@ fn a_calibrated_model_says_how_its_errors_grow() {
             .output()
             .unwrap()
     };
-    let said = failure(&calibrate("a.safetensors", &["--check"]));
-    assert!(said.contains("no calibration to check"), "{said}");
-    let said = failure(&calibrate("a.safetensors", &["--json", "a.safetensors"]));
-    assert!(said.contains("it would replace what is read (a.safetensors)"), "{said}");
+    refused(&calibrate("a.safetensors", &["--check"]), "no calibration to check");
+    let replaced = "it would replace what is read (a.safetensors)";
+    refused(&calibrate("a.safetensors", &["--json", "a.safetensors"]), replaced);
     let most = calibrate("a.safetensors", &["--strides", "1", "--coverage", "0.99"]);
     let said = String::from_utf8_lossy(&most.stdout);
     let expected = "3 trajectories cannot tell of more than 0.750; a coverage of 0.99 takes at least 99";
     assert!(most.status.success() && said.contains(expected), "{most:?}");
-    let said = failure(&calibrate("a.safetensors", &["--strides", "1000"]));
-    assert!(said.contains("ask for fewer"), "{said}");
+    refused(&calibrate("a.safetensors", &["--strides", "1000"]), "ask for fewer");
 
     let options = ["--strides", "2", "--coverage", "0.5", "--out", "b.safetensors", "--json", "b.json"];
     let done = calibrate("a.safetensors", &options);
@@ -316,17 +309,8 @@ fn a_limit_of_the_address_space_is_an_error_with_a_message() {
         let limited = format!("ulimit -v {kilobytes}; exec timeout -s KILL 60 \"$0\" \"$@\"");
         let output = Command::new("bash")
             .current_dir(folder.path())
-            .args([
-                "-c",
-                &limited,
-                env!("CARGO_BIN_EXE_m4gn"),
-                "train",
-                "--data",
-                "data",
-                "--config",
-                "config.toml",
-            ])
-            .args(["--out", "limited.safetensors"])
+            .args(["-c", &limited, env!("CARGO_BIN_EXE_m4gn"), "train", "--data", "data"])
+            .args(["--config", "config.toml", "--out", "limited.safetensors"])
             .output()
             .unwrap();
         let said = failure(&output);
@@ -337,11 +321,9 @@ fn a_limit_of_the_address_space_is_an_error_with_a_message() {
 #[test]
 fn backends_and_devices_that_do_not_go_together_are_refused() {
     let folder = folder();
-    let said = failure(&train(folder.path(), "a.safetensors", &["--backend", "jax"]));
-    assert!(said.contains("expected native or torch"), "{said}");
+    refused(&train(folder.path(), "a.safetensors", &["--backend", "jax"]), "expected native or torch");
     let options = ["--backend", "native", "--device", "cuda"];
-    let said = failure(&train(folder.path(), "a.safetensors", &options));
-    assert!(said.contains("use --backend torch"), "{said}");
+    refused(&train(folder.path(), "a.safetensors", &options), "use --backend torch");
 }
 
 /// The library of libtorch.
@@ -410,8 +392,7 @@ fn libtorch_ends_with_its_own_status_on_ctrl_c_a_full_disk_and_bad_data() {
     let half = bytes.len() / 2;
     bytes.truncate(half);
     std::fs::write(&damaged, bytes).unwrap();
-    let said = failure(&torch("bad.safetensors", "", "4").output().unwrap());
-    assert!(said.contains("000.h5"), "{said}");
+    refused(&torch("bad.safetensors", "", "4").output().unwrap(), "000.h5");
 }
 
 #[test]
