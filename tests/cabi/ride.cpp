@@ -122,9 +122,6 @@ void controls()
     strict.run(12);
     REQUIRE(strict.index == 12 && contains(strict.ride.text(M4GN_RIDE_LOG), "m4gn: no jump at time"));
     REQUIRE(contains(strict.ride.text(M4GN_RIDE_STRIDES), "error(U)"));
-    Host lenient(base + R"({"tolerance": 1e9, "relTol": 1e9}})");
-    lenient.run(12);
-    REQUIRE(lenient.index > 12);
     Host stops(base + R"({"tolerance": 1e-9, "onFailure": "stop", "patience": 1}})");
     std::string message;
     REQUIRE(
@@ -162,19 +159,8 @@ void carriesOn()
     next.run(12);
     REQUIRE(whole.index == next.index && whole.fields.U == next.fields.U && whole.fields.p == next.fields.p);
 
-    // Each byte that is another is found.
-    std::ifstream in(path, std::ios::binary);
-    const std::string bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
-    for (const std::size_t byte : {std::size_t(0), bytes.size() / 3, bytes.size() - 1}) {
-        std::string damaged(bytes);
-        damaged[byte] = static_cast<char>(damaged[byte] ^ 4);
-        std::ofstream(path, std::ios::binary) << damaged;
-        Host other(options);
-        std::string message;
-        REQUIRE(
-            failure(message, [&] { other.ride.load(path, at(index)); }) == M4GN_ERROR_FILE
-            && contains(message, path));
-    }
+    std::ofstream(path, std::ios::binary | std::ios::app) << "more";
+    REQUIRE(fails(M4GN_ERROR_FILE, {path.c_str()}, [&] { Host(options).ride.load(path, at(index)); }));
     std::remove(path.c_str());
 }
 
