@@ -2,7 +2,9 @@
 //! of its own. All that can be known before is checked before ([`check`]). What is done is kept; the same command goes on where it was stopped.
 
 mod check;
+mod figures;
 mod job;
+mod paired;
 mod plan;
 mod report;
 

@@ -1,11 +1,10 @@
 //! What came of a study: a table a test, for people (text, Markdown) and for programs (JSON).
 
+use super::figures::{Spread, TRAJECTORIES, counts, figure, logarithms};
+use super::paired::Paired;
 use super::{Cell, Data, Failure, Plan};
-use crate::signal::median;
-use m4gn_averages::student::two_sided;
 use m4gn_base::{Result, files, listed};
 use m4gn_report::{Table, number};
-use serde::Serialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -37,63 +36,6 @@ impl Cell {
         }
         text
     }
-}
-
-/// RMSE-all of the trajectories: in the middle, and the largest.
-const TRAJECTORIES: [(&str, &str); 2] = [("median", "median"), ("worst", "worst")];
-
-/// Whether the figures are of trajectories of this split.
-fn counts(figures: &Value, split: &str) -> bool {
-    figures["split"].as_str().is_none_or(|own| own == "all" || own == split)
-}
-
-/// A figure of a row, over all trajectories or of these.
-fn figure(figures: &Value, row: &str, key: &str) -> Option<f64> {
-    if !TRAJECTORIES.iter().any(|t| t.0 == key) {
-        return figures[row][key].as_f64();
-    }
-    let of_case =
-        |case: &Value| case[row].is_object().then(|| case[row]["rmse_all"].as_f64().unwrap_or(f64::INFINITY));
-    let cases = figures["cases"].as_array()?.iter();
-    let cases = cases.filter(|case| counts(figures, case["split"].as_str().unwrap_or_default()));
-    let all = cases.filter_map(of_case);
-    match key {
-        "worst" => all.max_by(f64::total_cmp),
-        _ => median(all),
-    }
-}
-
-/// Mean and standard deviation over seeds; none of one seed, and infinite where a figure is not finite.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Spread {
-    mean: f64,
-    deviation: f64,
-}
-
-impl Spread {
-    fn of(values: &[Option<f64>]) -> Option<Self> {
-        let n = values.len() as f64;
-        let values: Vec<f64> = values.iter().map(|v| v.unwrap_or(f64::INFINITY)).collect();
-        let mean = values.iter().sum::<f64>() / n;
-        let square = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>();
-        (n > 0.0)
-            .then(|| Spread { mean, deviation: if n > 1.0 { (square / (n - 1.0)).sqrt() } else { f64::NAN } })
-    }
-
-    fn text(self) -> String {
-        match (self.mean.is_finite(), self.deviation.is_finite()) {
-            (false, _) => "not finite".into(),
-            (_, false) => number(self.mean, 3),
-            _ => format!("{} ± {}", number(self.mean, 3), number(self.deviation, 2)),
-        }
-    }
-}
-
-/// The logarithm of RMSE-all of each trajectory, by its path.
-fn logarithms(figures: &Value) -> impl Iterator<Item = (&str, f64)> {
-    let cases = figures["cases"].as_array().into_iter().flatten();
-    let cases = cases.filter(|case| counts(figures, case["split"].as_str().unwrap_or_default()));
-    cases.filter_map(|case| Some((case["path"].as_str()?, case["model"]["rmse_all"].as_f64()?.ln())))
 }
 
 /// A table and what it is of.
@@ -221,55 +163,6 @@ struct Margin<'a> {
     seeds: Vec<u64>,
     /// Over the trajectories one by one, with its interval; none of a single trajectory.
     paired: Option<Paired>,
-}
-
-/// A mean of paired differences, and the ends of its interval of 95 %.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-struct Paired {
-    part: f64,
-    low: f64,
-    high: f64,
-}
-
-impl Paired {
-    /// Of the errors' logarithms, of the network and of the other: a list a seed, of the same trajectories. Other trajectories and other seeds would both
-    /// give another mean, so that their variances add (degrees of freedom: Welch-Satterthwaite).
-    fn of(own: &[BTreeMap<&str, f64>], other: &[BTreeMap<&str, f64>]) -> Option<Self> {
-        let mut by_seed = Vec::new();
-        let mut by_trajectory: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
-        for (own, other) in own.iter().zip(other) {
-            let pairs: Vec<_> =
-                own.iter().filter_map(|(&path, e)| Some((path, e - other.get(path)?))).collect();
-            // A seed without a pair has no mean
-            if !pairs.is_empty() {
-                by_seed.push(mean(pairs.iter().map(|p| p.1)));
-            }
-            pairs.iter().for_each(|&(path, d)| by_trajectory.entry(path).or_default().push(d));
-        }
-        let by_trajectory: Vec<f64> = by_trajectory.into_values().map(|d| mean(d.into_iter())).collect();
-        if by_trajectory.len() < 2 {
-            return None;
-        }
-        let middle = mean(by_trajectory.iter().copied());
-        let [(a, freedom_a), (b, freedom_b)] = [&by_trajectory, &by_seed].map(|means| {
-            let (n, center) = (means.len() as f64, mean(means.iter().copied()));
-            let square: f64 = means.iter().map(|d| (d - center).powi(2)).sum();
-            (square / (n * (n - 1.0)).max(1.0), (n - 1.0).max(1.0))
-        });
-        let half_width = match a + b > 0.0 {
-            true => {
-                two_sided(0.95, (a + b).powi(2) / (a * a / freedom_a + b * b / freedom_b)) * (a + b).sqrt()
-            }
-            false => 0.0,
-        };
-        let [part, low, high] = [middle, middle + half_width, middle - half_width].map(|x| 1.0 - x.exp());
-        (part.is_finite() && low.is_finite()).then_some(Paired { part, low, high })
-    }
-}
-
-fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
-    let n = values.len() as f64;
-    values.sum::<f64>() / n
 }
 
 /// The margin of a network by RMSE-all over the best of the others, each over the seeds that both have: of another kind, where there is one.
@@ -473,30 +366,6 @@ mod tests {
         report.write(dir.path()).unwrap();
         let read = |name: &str| std::fs::read_to_string(dir.path().join(name)).unwrap();
         assert!(read("study.md").contains("| M4GN | 2 of 2 | 1234 |"), "{}", read("study.md"));
-    }
-
-    #[test]
-    fn paired_differences_have_the_interval_of_students_t() {
-        let list = |values: &[f64]| -> BTreeMap<&str, f64> {
-            ["a", "b", "c"].into_iter().zip(values.iter().copied()).collect()
-        };
-        let [zero, twice] = [vec![list(&[0.0; 3])], vec![list(&[0.0; 3]); 2]];
-        // One seed: -.1 +- 4.303 (.1/sqrt(3))
-        let paired = Paired::of(&[list(&[-0.2, -0.1, 0.0])], &zero).unwrap();
-        let half = 4.302_65 * 0.1 / 3f64.sqrt();
-        for (found, logarithm) in [(paired.part, -0.1), (paired.low, -0.1 + half), (paired.high, -0.1 - half)]
-        {
-            assert!((found - (1.0 - f64::exp(logarithm))).abs() < 1e-5, "{paired:?}");
-        }
-        // A second seed of other trajectories tells nothing
-        let apart = [list(&[-0.2, -0.1, 0.0]), BTreeMap::from([("z", 1.0)])];
-        assert_eq!(Paired::of(&apart, &twice), Some(paired));
-        // Two seeds that differ, on trajectories that do not: -.1 +- 12.706 (.1)
-        let paired = Paired::of(&[list(&[0.0; 3]), list(&[-0.2; 3])], &twice).unwrap();
-        assert!((paired.low - (1.0 - f64::exp(-0.1 + 1.270_62))).abs() < 1e-4, "{paired:?}");
-        let alike = Paired::of(&zero, &zero).unwrap();
-        assert_eq!(alike, Paired { part: 0.0, low: 0.0, high: 0.0 });
-        assert_eq!(Paired::of(&[BTreeMap::from([("a", 1.0)])], &zero), None);
     }
 
     /// Of data that end in cycles; a rollout that became non-finite is far from any.
