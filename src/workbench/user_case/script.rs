@@ -159,31 +159,37 @@ fn lines(script: &str) -> Vec<String> {
         script.replace("\\\n", " ").lines().map(|line| line.trim().to_string()).collect();
     let (mut lines, mut room) = (Vec::new(), WRITTEN_OUT);
     while let Some(line) = rest.pop_front() {
-        let head = line.strip_suffix("do").map_or(&line[..], str::trim_end);
-        let head = if head.len() < line.len() && !head.ends_with(';') { &line[..] } else { head };
-        let words: Vec<&str> = head.trim_end_matches(';').split_whitespace().collect();
-        let mut depth = 1;
-        let closes = |line: &String| {
-            let words: Vec<&str> = line.split_whitespace().map(|w| w.trim_end_matches(';')).collect();
-            let first = words.first().copied().unwrap_or_default();
-            let closed = words.iter().any(|w| CLOSES.contains(w));
-            depth += i32::from(OPENS.contains(&first) && !closed) - i32::from(CLOSES.contains(&first));
-            depth == 0
-        };
+        let words_of_line = words(&line);
+        let head: Vec<&str> = words_of_line.iter().map(String::as_str).collect();
         let plain = |w: &&str| w.chars().all(|c| c.is_alphanumeric() || "._-/+".contains(c)) && *w != "do";
-        let end = match &words[..] {
-            ["for", _, "in", values @ ..] if values.iter().all(plain) => rest.iter().position(closes),
+        let found = match &head[..] {
+            ["for", name, "in", values @ .., ";", "do"]
+            | ["for", name, "in", values @ .., ";"]
+            | ["for", name, "in", values @ ..]
+                if values.iter().all(plain) =>
+            {
+                let mut depth = 1;
+                let closes = |line: &String| {
+                    let words = words(line);
+                    let first = words.first().map_or("", String::as_str);
+                    let closed = words.iter().any(|w| CLOSES.contains(&w.as_str()));
+                    depth +=
+                        i32::from(OPENS.contains(&first) && !closed) - i32::from(CLOSES.contains(&first));
+                    depth == 0
+                };
+                rest.iter().position(closes).map(|end| (*name, values, end))
+            }
             _ => None,
         };
-        let Some(end) = end.filter(|end| (end + 1) * words.len() < room) else {
+        let Some((name, values, end)) = found.filter(|(_, _, end)| (end + 1) * head.len() < room) else {
             lines.push(line);
             continue;
         };
         // Loops within loops multiply
-        room -= (end + 1) * words.len();
+        room -= (end + 1) * head.len();
         let body: Vec<String> = rest.drain(..=end).filter(|l| l != "do").collect();
-        for value in words[3..].iter().rev() {
-            let with = |line: &String| with_value(line, words[1], value);
+        for value in values.iter().rev() {
+            let with = |line: &String| with_value(line, name, value);
             body[..body.len() - 1].iter().rev().for_each(|line| rest.push_front(with(line)));
         }
     }
