@@ -122,7 +122,11 @@ Foam::label Foam::functionObjects::m4gnAnderson::affordable() const
 bool Foam::functionObjects::m4gnAnderson::pays()
 {
     const scalar remaining = (time_.endTime().value() - time_.value()) / time_.deltaTValue();
-    const bool comparing = compare_ && toCompare_ <= 0 && (remaining > manySteps || latest_ <= fewCorrectors);
+    const bool due = toCompare_ <= 0 && (remaining > manySteps || latest_ <= fewCorrectors);
+
+    // Where the machine was slow since, the solver's time step is dearer too: it is measured anew before anything is
+    // spent in vain
+    const bool comparing = compare_ && (due || affordable() < latest_);
     if (saved_ >= 0 && !comparing) {
         return true;
     }

@@ -9,8 +9,9 @@ all_correctors() {
     awk '/^m4gn: the next time step is solved/ { n += $9 } /^ *[0-9]+, / { split($1, a, ","); n += a[1] + 1 } END { print n + 0 }' log.run
 }
 anderson='anderson { type m4gnAnderson; libs (m4gnFoam); }'
-# Forty time steps, so that one is left to the solver to compare with: that takes more than 32 to come. The solver alone goes half the way. On two ranks
-# the answer is that of the solver alone on one, in the row before, but for where its linear solver stops.
+# On one rank all are solved ahead. On two, forty time steps and the account of processor time: one is left to the solver to compare with, which takes more
+# than 32 to come, and how many follow is the machine's. The solver alone goes half the way. On two ranks the answer is that of the solver alone on one, in
+# the row before, but for where its linear solver stops.
 while read -r ranks name material traction part held; do
     what="m4gnAnderson, $name, $held, $ranks ranks"
     model "$name" "$material" "$traction" Euler
@@ -20,14 +21,19 @@ while read -r ranks name material traction part held; do
         plain
         keep full 0.02
         alone=$((2*$(all_correctors)))
-        control endTime 0.04
     fi
+    control endTime 0.04
     clean_case
-    echo "$anderson" > system/functions
-    solve
-    mixed=$(all_correctors)
-    below 38 "$(sed -n 's/^m4gn: \([0-9]*\) time steps solved ahead.*/\1/p' log.run)" "$what: least time steps solved ahead"
-    below "$mixed" "$(calc "$part*$alone")" "$what: correctors in place of $alone"
+    if [ "$ranks" -eq 1 ]; then
+        echo "${anderson%\}*} compare no; }" > system/functions
+        solve
+        expect_log '^m4gn: 40 time steps solved ahead .* 0 left to the solver'
+        below "$(all_correctors)" "$(calc "$part*$alone")" "$what: correctors in place of $alone"
+    else
+        echo "$anderson" > system/functions
+        solve
+        below 1 "$(sed -n 's/^m4gn: .* solved ahead .* \([0-9]*\) left to the solver.*/\1/p' log.run)" "$what: least time steps left to the solver"
+    fi
     gathered 0.02
     close_to ../full "1e-$((7 - ranks))" 0.02/{D,sigma}
     # solids4foam itself carries on from D only
