@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
 # Campaigns from nothing to a report, in columns: "until", every third run, cold, until its figures are known; "nearest", from the nearest sister's last state;
 # "auto", the usual one, with every sixth run made again cold and plain and to the end; "dmd", as auto with the dmd surrogate.
-#   bench/campaign.sh FOLDER speeds|cavity|square|channel [RUNS [COLUMN...]]    (docs/lab/2026-11-campaign.md)
+#   bench/campaign.sh FOLDER speeds|cavity|square|channel|finer [RUNS [COLUMN...]]    (docs/lab/2026-11-campaign.md)
 # The same command goes on where one was ended.
 . "$(dirname "${BASH_SOURCE[0]}")/../tests/e2e/common.sh"
 trap 'rm -rf "$work"' EXIT
 cd "$OLDPWD"
 mkdir -p "$1" && cd "$1"
-study=$2 count=${3:-}
+study=$2 count=${3:-} size=0.05 step=0.002
 columns=("${@:4}")
 [ ${#columns[@]} -gt 0 ] || columns=(until nearest auto)
 
@@ -32,9 +32,9 @@ EOD
 cylinder() {
     cp -r "$M4GN_HOME/openfoam/templates/cylinder-flow" case && cd case
     rm -r family.toml source
-    sed -i "s/@x@/0.31/; s/@radius@/0.052/; s/@size@/0.05/; s/@shape@/0/; s/@elements@/0/" mesh.geo
+    sed -i "s/@x@/0.31/; s/@radius@/0.052/; s/@size@/$size/; s/@shape@/0/; s/@elements@/0/" mesh.geo
     sed -i 's/@tolerance@/1e-6/; s/@correctors@/1/; s/@convection@/0/' system/fv{Solution,Schemes}
-    control_dict icoFoam 8 0.002 runTime 8 10
+    control_dict icoFoam 8 "$step" runTime 8 10
     control writeFormat binary
     forces cylinder '0.31 0.2 0' "$1" 0.104 0.00104
 }
@@ -70,6 +70,8 @@ EOD
     chmod +x Allrun.pre
     parameters Re 100 height 0.2
 }
+# The same with some four times the cells
+case_of_finer() { case_of_channel; }
 # URANS of a square in a wind of some speed and turbulence
 case_of_square() {
     make_square case
@@ -126,11 +128,12 @@ EOD
 list() { awk -v n="${count:-8}" -v f="$1" 'BEGIN { for (i = 0; i < n; ++i) printf "%s%.8g", (i ? "," : ""), f*(1.4 + 0.7*i/(n - 1)) }'; }
 case $study in
 speeds) range=("u0=$(list 1)" "linear=$(list 9.7560976)" "quadratic=$(list -23.795360)") min_time=1 count='' scale=u0 ;;
-channel) range=(Re=60:200 height=0.16:0.25) min_time=1 scale='' ;;
+channel | finer) range=(Re=60:200 height=0.16:0.25) min_time=1 scale='' ;;
 square) range=(speed=1.2:2.4 intensity=0.01:0.1) min_time=0.2 scale=speed ;;
 cavity) range=(hot=300.1:302) min_time=50 scale='' ;;
-*) fail "$study: expected speeds, cavity, square or channel" ;;
+*) fail "$study: expected speeds, cavity, square, channel or finer" ;;
 esac
+[ "$study" != finer ] || size=0.025 step=0.001
 [ -d case ] || { (case_of_"$study"); }
 
 # made COLUMN: the campaign's folder
