@@ -41,6 +41,42 @@ fn m4gn(folder: &Path, arguments: &[&str]) -> String {
 }
 
 #[test]
+fn a_training_takes_a_suggested_configuration() {
+    let folder = sample::folder();
+    let suggest = |data: &str, out: &str| {
+        program::m4gn()
+            .current_dir(folder.path())
+            .args(["suggest", data, "--minutes", "0.05", "--out", out])
+            .output()
+            .unwrap()
+    };
+    let said = success(&suggest("data", "config.toml"));
+    // Of three trajectories one is for validation; 6 x 4 rectangles are two triangles each.
+    assert!(said.starts_with("2 trajectories of 48 nodes, "), "{said}");
+    assert!(said.contains("\nm4gn train --data data --config config.toml --out "), "{said}");
+    let config = std::fs::read_to_string(folder.path().join("config.toml")).unwrap();
+    for words in [
+        "stride = 0.01 ",
+        "{ name = \"U\", input = true, output = \"delta\" }",
+        "{ name = \"p\", input = true, output = \"value\" }",
+        "max_minutes = 0.05\n",
+    ] {
+        assert!(config.contains(words), "{words}: {config}");
+    }
+    // Its schedule goes by time, which ends the training.
+    let said = trained(folder.path(), "a.safetensors", &["--steps", "2"]);
+    assert!(said.contains(": max_minutes reached"), "{said}");
+    assert!(folder.path().join("a.safetensors").is_file());
+
+    refused(&suggest("data", "data/000.h5"), "it would replace what is read (data)");
+    let valid = folder.path().join("valid");
+    std::fs::create_dir(&valid).unwrap();
+    sample::write_trajectory(&valid.join("000.h5"), 0, Split::Valid, 8).unwrap();
+    refused(&suggest("valid", "none.toml"), "no trajectory of split `train`");
+    assert!(!folder.path().join("none.toml").exists());
+}
+
+#[test]
 fn a_model_is_trained_carried_on_and_trained_further() {
     let folder = folder();
     // Three trajectories of 30 frames, 68 nodes and 3 components in 4 bytes.

@@ -21,6 +21,7 @@ pub mod segment;
 pub mod shell;
 mod stop;
 pub mod study;
+pub mod suggest;
 pub mod train;
 pub mod tutorial;
 pub mod validate;
@@ -49,6 +50,7 @@ enum Command {
     Check(check::Args),
     Generate(generate::Args),
     Info(info::Args),
+    Suggest(suggest::Args),
     Train(train::Args),
     Validate(validate::Args),
     Predict(predict::Args),
@@ -76,6 +78,7 @@ fn main() -> ExitCode {
         Command::Check(args) => check::run(args),
         Command::Generate(args) => generate::run(args),
         Command::Info(args) => info::run(args),
+        Command::Suggest(args) => suggest::run(args),
         Command::Train(args) => utf8_arguments().and_then(|()| train::run(args)),
         Command::Validate(args) => validate::run(args),
         Command::Predict(args) => predict::run(args),

@@ -1,4 +1,4 @@
-//! What is done with models and trajectories outside of a solver: ten tools, a module each.
+//! What is done with models and trajectories outside of a solver: eleven tools, a module each.
 //!
 //! | module | tool | its way in |
 //! | --- | --- | --- |
@@ -10,6 +10,7 @@
 //! | [`generate`] | training data | [`generate::queue::Queue::run`] |
 //! | [`campaign`] | runs of a case over its parameters | [`campaign::run`] |
 //! | [`study`] | networks on data sets, compared | [`study::run`] |
+//! | [`suggest`] | a training configuration for a data set | [`suggest::suggest`] |
 //! | [`bench`] | what a step costs | [`bench::Workload`], [`bench::Trial`] |
 //!
 //! They share [`errors`] of fields, [`signal`] (statistics), limit cycles and distances from them, digests of inputs, and [`foam_case`], OpenFOAM's cases.
@@ -32,6 +33,7 @@ mod phase;
 pub mod predict;
 pub mod signal;
 pub mod study;
+pub mod suggest;
 mod user_case;
 pub mod validate;
 pub mod verify;
