@@ -342,7 +342,7 @@ fn a_limit_of_the_address_space_is_an_error_with_a_message() {
     let path = folder.path().join("data/003.h5");
     sample::write_trajectory_on(&path, &mesh, 3, m4gn_data::Split::Train, 30).unwrap();
     for kilobytes in [200_000, 300_000, 400_000, 500_000] {
-        let limited = format!("ulimit -v {kilobytes}; exec timeout -s KILL 60 \"$0\" \"$@\"");
+        let limited = format!("ulimit -v {kilobytes}; exec timeout -s KILL 600 \"$0\" \"$@\"");
         let output = Command::new("bash")
             .current_dir(folder.path())
             .args(["-c", &limited, env!("CARGO_BIN_EXE_m4gn"), "train", "--data", "data"])
@@ -403,7 +403,7 @@ fn libtorch_ends_with_its_own_status_on_ctrl_c_a_full_disk_and_bad_data() {
     let journal = path.join("stopped.csv");
     let started = Instant::now();
     while std::fs::read_to_string(&journal).map_or(0, |text| text.lines().count()) < 2 {
-        assert!(started.elapsed() < Duration::from_secs(100), "it does not learn");
+        assert!(started.elapsed() < Duration::from_secs(1200), "it does not learn");
         std::thread::sleep(Duration::from_millis(50));
     }
     let id = running.id().to_string();

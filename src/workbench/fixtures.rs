@@ -25,5 +25,5 @@ pub fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
 /// Conditions of programs that nobody stops.
 pub fn tools() -> Surroundings {
     static GO: AtomicU8 = AtomicU8::new(0);
-    Surroundings { stop: &GO, timeout: Duration::from_secs(9), asks: false, environment: Vec::new() }
+    Surroundings { stop: &GO, timeout: Duration::from_secs(600), asks: false, environment: Vec::new() }
 }

@@ -214,16 +214,16 @@ mod tests {
     fn output_and_failures_are_told() {
         let dir = tempfile::tempdir().unwrap();
         let run = |s: Surroundings, script: &str| s.run(dir.path(), &["sh", "-c", script]);
-        run(surroundings(&GO, 9000), "echo $A").unwrap();
+        run(surroundings(&GO, 600_000), "echo $A").unwrap();
         assert_eq!(std::fs::read_to_string(dir.path().join("log.sh")).unwrap(), "b\n");
         let fatal =
             "printf -- '--> FOAM FATAL ERROR: \\n\\nm4gnRecorder cannot record: full\\n\\n From\\n'; exit 1";
-        fails(run(surroundings(&GO, 9000), fatal), &["log.sh", "cannot record: full"]);
-        fails(run(surroundings(&GO, 9000), "kill -9 $$"), &["signal: 9"]);
+        fails(run(surroundings(&GO, 600_000), fatal), &["log.sh", "cannot record: full"]);
+        fails(run(surroundings(&GO, 600_000), "kill -9 $$"), &["signal: 9"]);
         fails(run(surroundings(&GO, 100), "sleep 60"), &["--timeout"]);
-        assert!(matches!(run(surroundings(&STOP, 9000), "sleep 60"), Err(Error::Interrupted(_))));
+        assert!(matches!(run(surroundings(&STOP, 600_000), "sleep 60"), Err(Error::Interrupted(_))));
         // A signal to the whole job ends the tool before it is heard of here
-        assert!(matches!(run(surroundings(&STOP, 9000), "kill -15 $$"), Err(Error::Interrupted(_))));
+        assert!(matches!(run(surroundings(&STOP, 600_000), "kill -15 $$"), Err(Error::Interrupted(_))));
         let missing = surroundings(&GO, 9).run(dir.path(), &["no-such-program"]).unwrap_err().to_string();
         assert!(missing.contains("cannot be started"), "{missing}");
     }
@@ -253,7 +253,7 @@ mod tests {
     fn what_a_tool_started_ends_with_it() {
         let dir = tempfile::tempdir().unwrap();
         let script = "sleep 600 & echo $!";
-        surroundings(&GO, 9000).run(dir.path(), &["sh", "-c", script]).unwrap();
+        surroundings(&GO, 600_000).run(dir.path(), &["sh", "-c", script]).unwrap();
         let log = std::fs::read_to_string(dir.path().join("log.sh")).unwrap();
         let stat = format!("/proc/{}/stat", log.trim());
         // Gone, or a zombie that nobody has waited for.
