@@ -2,6 +2,7 @@
 
 use crate::program;
 use m4gn_samples::training as sample;
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
@@ -157,37 +158,30 @@ fn all_is_checked_before_the_first_training() {
     }
 }
 
-/// Of two in one folder the second waits, and then finds all done.
+/// Two in a folder that another program has wait; then one makes all, and the other one finds it done.
 #[test]
 fn two_studies_take_turns() {
     let folder = sample::folder();
     let at = |name: &str| folder.path().join(name);
     std::fs::write(at("config.toml"), sample::config("")).unwrap();
-    std::fs::write(
-        at("study.toml"),
-        STUDY.replace("seeds = [1, 2]", "seeds = [1]").replace("steps = 4", "steps = 60"),
-    )
-    .unwrap();
-    let begin = || command(folder.path()).stdout(Stdio::piped()).spawn().unwrap();
-    let first = begin();
-    let start = std::time::Instant::now();
-    while !at("out/flow/M4GN/1/made-from").exists() {
-        assert!(start.elapsed().as_secs() < 600, "it does not begin");
-        std::thread::sleep(std::time::Duration::from_millis(5));
+    std::fs::write(at("study.toml"), STUDY.replace("seeds = [1, 2]", "seeds = [1]")).unwrap();
+    let lock = m4gn_base::lock::folder(&at("out")).unwrap();
+    let mut studies = [(); 2].map(|()| command(folder.path()).stdout(Stdio::piped()).spawn().unwrap());
+    let mut said = studies.each_mut().map(|study| BufReader::new(study.stdout.take().unwrap()));
+    for out in &mut said {
+        let mut line = String::new();
+        out.read_line(&mut line).unwrap();
+        let words = line.starts_with("waiting: ") && line.contains("out: is being written by process ");
+        assert!(words, "{line}");
     }
-    let second = begin().wait_with_output().unwrap();
-    let first = first.wait_with_output().unwrap();
-    let [a, b] = [&first, &second].map(|o| String::from_utf8_lossy(&o.stdout).into_owned());
-    assert!(first.status.success() && second.status.success(), "{a}{b}");
-    assert!(b.starts_with("waiting: ") && b.contains("out: is being written by process "), "{b}");
+    drop(lock);
     // Of one training and one validation
-    let lines = |text: &str| {
-        text.lines()
-            .filter(|l| l.starts_with("1/2") || l.starts_with("2/2"))
-            .map(String::from)
-            .collect::<Vec<_>>()
-    };
-    assert!(lines(&a).len() == 2 && lines(&a) == lines(&b), "{a}{b}");
+    let lines = said.map(|out| {
+        let all = out.lines().map(Result::unwrap);
+        all.filter(|l| l.starts_with("1/2") || l.starts_with("2/2")).collect::<Vec<_>>()
+    });
+    assert!(studies.iter_mut().all(|study| study.wait().unwrap().success()), "{lines:?}");
+    assert!(lines[0].len() == 2 && lines[0] == lines[1], "{lines:?}");
 }
 
 /// Ctrl-C: the training saves its checkpoint, and goes on from there.
