@@ -15,7 +15,7 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 /// Longest that a case may take, on a busy machine too: the slowest take seconds.
-pub const PATIENCE: Duration = Duration::from_secs(120);
+pub const PATIENCE: Duration = Duration::from_secs(600);
 
 /// Memory that a case may hold beside ten times its input.
 pub const CONSTANT: usize = 64 << 20;

@@ -1,5 +1,5 @@
 //! One rank at odds with the others, in every collective call of m4gn.h: bad input, other options, a panic, a killed
-//! rank. All return the same class of status, or the job ends with a message, within 20 s.
+//! rank. All return the same class of status, or the job ends with a message, within two minutes.
 //!
 //! `cargo test --test odds` starts mpirun with this program on 2 and 3 ranks, once for what is odd in all calls and once for each
 //! kill; `--test odds -- step` only for the calls with this in their names.
@@ -20,8 +20,8 @@ use std::process::{Command, ExitCode, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Longest that any call may take on any rank.
-const LIMIT: Duration = Duration::from_secs(20);
+/// Longest that any call may take on any rank, on a busy machine too: none waits for more than the ten seconds of `src/parallel/guard.rs`.
+const LIMIT: Duration = Duration::from_secs(120);
 
 /// Most places in a call at which a panic is tried.
 const PLACES: i64 = 12;
@@ -134,7 +134,7 @@ fn launch<'a>(calls: &[&'a str], kind: &str, ranks: usize) -> (Vec<&'a str>, Str
         .expect("mpirun");
     // A killed rank ends the job at once; the other kind has a clock of its own for each call.
     let kill = kind.starts_with("kill");
-    let limit = if kill { LIMIT } else { 20 * LIMIT * calls.len() as u32 };
+    let limit = if kill { LIMIT } else { 20 * LIMIT };
     let status = loop {
         match job.try_wait().unwrap() {
             Some(status) => break Some(status),
