@@ -124,18 +124,19 @@ impl Surroundings {
     }
 }
 
-/// Removes a folder that an earlier run has left. Programs of one that was killed may need a moment to be gone.
+/// Removes a folder that an earlier run has left. Programs of one that was killed may write for a moment yet, on a busy machine for seconds.
 pub(crate) fn clear(folder: &Path) -> Result<()> {
-    for last in [false, false, false, false, true] {
+    for _ in 0..100 {
         match std::fs::remove_dir_all(folder) {
+            Ok(()) if !folder.exists() => return Ok(()),
             Err(e) if e.kind() == ErrorKind::NotFound => return Ok(()),
-            Err(e) if last => return Err(Error::file(folder, format!("cannot be replaced: {e}"))),
-            Err(_) => std::thread::sleep(Duration::from_millis(200)),
-            Ok(()) if folder.exists() => {}
-            Ok(()) => return Ok(()),
+            Err(e) if e.kind() != ErrorKind::DirectoryNotEmpty => {
+                return Err(Error::file(folder, format!("cannot be replaced: {e}")));
+            }
+            _ => std::thread::sleep(Duration::from_millis(200)),
         }
     }
-    Ok(())
+    Err(Error::file(folder, "cannot be replaced, as another program writes there: wait until it has ended"))
 }
 
 /// Least space, kB, with which nothing is said of it.

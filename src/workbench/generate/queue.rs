@@ -133,7 +133,7 @@ impl<C: Case> Queue<C> {
         });
         let interrupted = matches!(result, Err(Error::Interrupted(_)));
         if interrupted || (result.is_ok() && !self.keep_cases) {
-            let _ = std::fs::remove_dir_all(&folder);
+            let _ = clear(&folder);
         }
         result
     }
