@@ -37,6 +37,9 @@ const Foam::label manySteps = 32;
 const Foam::label fewCorrectors = 5;
 const Foam::scalar comparedEvery = 64;
 
+//- Most that their number grows from one such time step to the next
+const Foam::scalar growth = 8;
+
 //- Processor time of all ranks so far (s)
 Foam::scalar processorTime()
 {
@@ -155,8 +158,10 @@ void Foam::functionObjects::m4gnAnderson::account()
         if (counts) {
             plain_ = taken - attempt_;
         }
-        toCompare_ =
-            label(max(scalar(firstCompared), comparedEvery * min(plain_ / max(helped_, VSMALL), 1e3)));
+        // It may have been slow by chance: what is far beyond the last interval waits for another one
+        const scalar interval = comparedEvery * min(plain_ / max(helped_, VSMALL), 1e3);
+        compared_ = label(max(scalar(firstCompared), min(interval, growth * compared_)));
+        toCompare_ = compared_;
         saved_ += attempt_ > 0 ? -attempt_ : allowed * plain_;
 
         // What was lost is forgotten where the solver takes longer
@@ -230,7 +235,7 @@ Foam::functionObjects::m4gnAnderson::m4gnAnderson(
     : fvMeshFunctionObject(name, runTime, dict), started_(false), due_(false), timeStart_(-VGREAT),
       compare_(true), began_(0), index_(-1), attempt_(0), solved_(false), written_(true), plain_(0),
       helped_(GREAT), last_(GREAT), saved_(0), corrector_(0), latest_(0), toCompare_(firstCompared),
-      leaving_(false), nSolved_(0), nCorrectors_(0), nLeft_(0), spent_(0)
+      compared_(firstCompared), leaving_(false), nSolved_(0), nCorrectors_(0), nLeft_(0), spent_(0)
 {
     read(dict);
 }
