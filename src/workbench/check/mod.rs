@@ -215,7 +215,7 @@ fn one(plan: &Plan, copy: &Copy, surrogate: &str, entries: &str, tools: &Surroun
     )?;
     let (solver, start) = (copy.solver(), Instant::now());
     let done = tools.run(&copy.folder, &solver);
-    let late = start.elapsed() > tools.timeout;
+    let late = done.is_err() && start.elapsed() > tools.timeout;
     if let Err(Error::Interrupted(e)) = done {
         return Err(Error::Interrupted(e));
     }
