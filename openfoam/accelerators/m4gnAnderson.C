@@ -128,8 +128,9 @@ bool Foam::functionObjects::m4gnAnderson::pays()
     const bool due = toCompare_ <= 0 && (remaining > manySteps || latest_ <= fewCorrectors);
 
     // Where the machine was slow since, the solver's time step is dearer too: it is measured anew before anything is
-    // spent in vain
-    const bool comparing = compare_ && (due || affordable() < latest_);
+    // spent in vain, and then the corrector
+    const bool dear = affordable() < latest_ && toCompare_ != compared_;
+    const bool comparing = compare_ && (due || dear);
     if (saved_ >= 0 && !comparing) {
         return true;
     }
@@ -211,7 +212,7 @@ void Foam::functionObjects::m4gnAnderson::solveNext()
         storeOldTimes<surfaceSymmTensorField>(mesh_);
         storeOldTimes<pointVectorField>(mesh_);
 
-        nCorrectors = law_->step(affordable());
+        nCorrectors = law_->step(max(affordable(), latest_));
     }
     attempt_ = processorTime() - began_;
     solved_ = nCorrectors >= 0;
