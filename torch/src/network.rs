@@ -18,8 +18,10 @@ pub struct Topology {
     pub nodes: i64,
     /// Cells C, the first nodes.
     pub cells: i64,
-    /// Segments of one graph, K.
+    /// Segments of one graph, K: the most that any has; what a graph has fewer is behind its own.
     pub segments: i64,
+    /// Minus infinity for segments that a graph does not have, 0 for others, `[graphs x 1 x 1 x K]`; none where each has all.
+    pub absent: Option<Tensor>,
     /// Sender of each edge, `[E]`.
     pub senders: Tensor,
     /// Receiver of each edge, `[E]`.
@@ -95,6 +97,7 @@ impl Topology {
             nodes: self.nodes,
             cells: self.cells,
             segments: self.segments,
+            absent: clone(&self.absent),
             senders: self.senders.shallow_clone(),
             receivers: self.receivers.shallow_clone(),
             edges: self.edges.shallow_clone(),
@@ -318,9 +321,16 @@ impl<'a> Network<'a> {
             let split = |part: &str| {
                 x.linear(w(part), None::<&Tensor>).view([b, k, heads, d / heads]).transpose(1, 2)
             };
-            let attention = (split("q.weight").matmul(&split("k.weight").transpose(-1, -2)) * scale)
-                .softmax(-1, Kind::Float);
-            let mixed = attention.matmul(&split("v.weight")).transpose(1, 2).reshape([b * k, d]);
+            let scores = split("q.weight").matmul(&split("k.weight").transpose(-1, -2)) * scale;
+            let scores = match &graph.absent {
+                Some(absent) => scores + absent,
+                None => scores,
+            };
+            let mixed = scores
+                .softmax(-1, Kind::Float)
+                .matmul(&split("v.weight"))
+                .transpose(1, 2)
+                .reshape([b * k, d]);
             s = &s + mixed.linear(w("o.weight"), Some(w("o.bias")));
             let x = self.layer_norm(&name("norm2"), &s).linear(w("ffn.0.weight"), Some(w("ffn.0.bias")));
             s = &s + self.activate(&x).linear(w("ffn.1.weight"), Some(w("ffn.1.bias")));

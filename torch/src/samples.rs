@@ -90,11 +90,12 @@ impl HostGraph {
         let cells: usize = graphs.iter().map(|g| g.cells).sum();
         let nodes = cells + graphs.iter().map(|g| g.boundary).sum::<usize>();
         let width = spec.n_static_features();
-        let count = graphs.first().map_or(0, |g| g.structure.n_segments());
+        // A body's obstacle is one more.
+        let count = graphs.iter().map(|g| g.structure.n_segments()).max().unwrap_or(0);
         let (mut first_cell, mut first_boundary) = (0, cells);
         let (mut senders, mut receivers, mut edges) = (vec![], vec![], vec![]);
         let (mut member_node, mut member_segment) = (vec![], vec![]);
-        let (mut segment_weight, mut position) = (vec![], vec![]);
+        let (mut segment_weight, mut position, mut absent) = (vec![], vec![], vec![]);
         let mut sequences: Vec<Vec<i64>> = Vec::new();
         let (mut fixed, mut node_weight) = (vec![0f32; nodes * width], vec![1f32; nodes]);
         let mut choice = vec![[0; 2]; nodes];
@@ -129,10 +130,16 @@ impl HostGraph {
                 }
                 segment_weight.extend(s.sizes.iter().map(|&n| if n > 0.0 { (1.0 / n) as f32 } else { 0.0 }));
                 position.extend_from_slice(&s.position);
+                absent.resize(g * count + s.count, 0f32);
             }
             if let Some(s) = sequence {
                 sequences.extend(s.row.windows(2).map(|w| placed(&s.node[w[0] as usize..w[1] as usize])));
+                // Any node: what comes of it is read by none.
+                sequences.resize((g + 1) * count, vec![first_cell as i64]);
             }
+            segment_weight.resize((g + 1) * count, 0.0);
+            position.resize((g + 1) * count * spec.n_position_features(), 0.0);
+            absent.resize((g + 1) * count, f32::NEG_INFINITY);
             first_cell += graph.cells;
             first_boundary += graph.boundary;
         }
@@ -147,6 +154,9 @@ impl HostGraph {
             nodes: nodes as i64,
             cells: cells as i64,
             segments: count as i64,
+            absent: absent
+                .contains(&f32::NEG_INFINITY)
+                .then(|| to(Tensor::from_slice(&absent).view([graphs.len() as i64, 1, 1, count as i64]))),
             senders: to(Tensor::from_slice(&senders)),
             receivers: to(Tensor::from_slice(&receivers)),
             edges: to(Tensor::from_slice(&edges).view([-1, edge_width(spec) as i64])),
