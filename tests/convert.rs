@@ -174,7 +174,16 @@ fn predictions_are_trajectories_with_their_errors() {
     assert_eq!(Trajectory::open(at.join("longer.h5")).unwrap().times(), [0.0, 0.5, 1.0, 1.5, 2.0]);
     m4gn(at, "convert test.tfrecord --out set");
     m4gn(at, "predict --model m.safetensors --data set --out predicted --steps 1");
-    assert!(at.join("predicted/test-00001.h5").is_file());
-    let message = refused(at, "predict --model m.safetensors --data a.h5 --out p.h5");
+    // Ended and begun again: what is there stays, and is in the figures.
+    let [first, second] = ["predicted/test-00000.h5", "predicted/test-00001.h5"].map(|f| at.join(f));
+    std::fs::remove_file(&second).unwrap();
+    let written = || first.metadata().unwrap().modified().unwrap();
+    let before = written();
+    m4gn(at, "predict --model m.safetensors --data set --out predicted --steps 1 --json set.json");
+    let errors = program::figures(at.join("set.json"));
+    let of_model = |i: usize| errors["predictions"][i]["rmse"][0]["model"][0].as_f64().unwrap();
+    assert!((of_model(0) / of_model(1) - 1.0).abs() < 1e-5, "{errors}");
+    assert!(second.is_file() && written() == before);
+    let message = refused(at, "predict --model m.safetensors --data a.h5 --out p.h5 --steps 1");
     assert!(message.contains("p.h5") && message.contains("exists already"), "{message}");
 }

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 ///
 /// The predictions are trajectories of the same schema, a stride of the model apart; 'm4gn convert' makes *.npz and files for ParaView of
 /// them. Prints the errors, as far as the truth is recorded, beside those of persistence (the recorded frame one stride before) and
-/// of hold first (the first frame).
+/// of hold first (the first frame). The same command again keeps what it has written, and goes on where it was ended.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Model (*.safetensors)

@@ -1,7 +1,8 @@
 //! A model's rollout from the first frame of a trajectory, as a trajectory, with its errors beside those of knowing nothing.
 
-use crate::validate::{Scene, fits, stepper};
+use crate::validate::{Pace, Scene, Values, fits, stepper};
 use m4gn_base::Result;
+use m4gn_base::digest::Digest;
 use m4gn_data::{FieldMeta, Trajectory, WriteOptions, Writer};
 use m4gn_model::Model;
 use m4gn_report::{Table, number};
@@ -35,7 +36,8 @@ pub struct Predicted {
 }
 
 /// Rolls the model out from the first frame and writes the states to `out`, a stride apart. More `steps` than are recorded go on with
-/// what is prescribed in the last frame; none: as many as are recorded. `progress` is called after each step.
+/// what is prescribed in the last frame; none: as many as are recorded. `progress` is called after each step. Of what an earlier call with the
+/// same arguments has written there the errors are measured, and it stays.
 ///
 /// # Errors
 /// As [`fits`], [`Scene::session`] and [`Writer`]; those of `progress`. Nothing is written then. A rollout that becomes
@@ -49,6 +51,33 @@ pub fn run(
 ) -> Result<Predicted> {
     let pace = fits(&model.spec, trajectory)?;
     let scene = Scene::read(trajectory, &model.spec.fields, pace)?;
+    let all = steps.unwrap_or(pace.steps);
+    let names = scene.fields().filter(|f| !f.is_given());
+    let errors = |f: &m4gn_model::FieldSpec| FieldErrors {
+        name: format!("{} ({})", f.name, f.unit()),
+        rows: Default::default(),
+    };
+    let mut errors: Vec<FieldErrors> = names.map(errors).collect();
+    let mut taken = 0;
+    let mut measure = |i: usize, state: &[Values]| {
+        for (k, field) in errors.iter_mut().enumerate().filter(|_| i < pace.steps) {
+            let found = [&state[k].0[..], scene.truth(k, i), scene.truth(k, 0)];
+            let add = |(row, found): (&mut Vec<f64>, &[f64])| row.push(scene.error(k, found, i + 1).rmse());
+            field.rows.iter_mut().zip(found).for_each(add);
+        }
+        taken = i + 1;
+        progress()
+    };
+    let made_from = made_from(model, trajectory, options, all)?;
+    let is_same = |t: &Trajectory| t.provenance()["predicted"]["made_from"].as_str() == Some(&made_from[..]);
+    let earlier = Trajectory::open(out).ok().filter(is_same);
+    // One that became non-finite is shorter.
+    if let Some(earlier) = earlier.as_ref().filter(|t| t.times().len() == all + 1) {
+        let pace = Pace::new(earlier.times(), model.spec.stride)?;
+        let kept = Scene::read(earlier, &model.spec.fields, pace)?;
+        (0..all).try_for_each(|i| measure(i, &kept.state(i + 1)))?;
+        return Ok(Predicted { steps: all, fields: errors, diverged: None, outside: Vec::new() });
+    }
     let recorded = |name: &str| trajectory.fields().iter().any(|f| f.name == name);
     let kept: Vec<bool> = scene.fields().map(|f| recorded(&f.name)).collect();
     let fields = scene.fields().zip(&kept).filter(|f| *f.1).map(|(f, _)| FieldMeta {
@@ -57,9 +86,14 @@ pub fn run(
         dimensions: f.dimensions,
     });
     let mut provenance = trajectory.provenance().clone();
-    provenance["predicted"] = json!({ "from": trajectory.path().file_name().map(|n| n.to_string_lossy()), "stride": model.spec.stride });
-    let write =
-        WriteOptions { fields: fields.collect(), provenance, split: trajectory.split(), overwrite: false };
+    let from = trajectory.path().file_name().map(|n| n.to_string_lossy());
+    provenance["predicted"] = json!({ "from": from, "stride": model.spec.stride, "made_from": made_from });
+    let write = WriteOptions {
+        fields: fields.collect(),
+        provenance,
+        split: trajectory.split(),
+        overwrite: earlier.is_some(),
+    };
     let mut writer = Writer::create(out, trajectory.mesh(), &write)?;
     writer.set_triangles(trajectory.triangles())?;
     let mut append = |state: &[_], frame: usize| {
@@ -72,27 +106,28 @@ pub fn run(
     let mut outside = Vec::new();
     let mut session = scene.session(model, options)?;
     let mut step = stepper(&mut session, trajectory, &mut outside);
-    let names = scene.fields().filter(|f| !f.is_given());
-    let errors = |f: &m4gn_model::FieldSpec| FieldErrors {
-        name: format!("{} ({})", f.name, f.unit()),
-        rows: Default::default(),
-    };
-    let mut errors: Vec<FieldErrors> = names.map(errors).collect();
-    let mut taken = 0;
-    let all = steps.unwrap_or(pace.steps);
     let diverged = scene.roll((0, all), &mut step, &mut (0.0, 0), &mut |i, state| {
         append(state, i + 1)?;
-        for (k, field) in errors.iter_mut().enumerate().filter(|_| i < pace.steps) {
-            let found = [&state[k].0[..], scene.truth(k, i), scene.truth(k, 0)];
-            let add = |(row, found): (&mut Vec<f64>, &[f64])| row.push(scene.error(k, found, i + 1).rmse());
-            field.rows.iter_mut().zip(found).for_each(add);
-        }
-        taken = i + 1;
-        progress()
+        measure(i, state)
     })?;
     drop(step);
     writer.finish()?;
     Ok(Predicted { steps: taken, fields: errors, diverged, outside })
+}
+
+/// Tells a prediction from those of another model, of other data, in another way, or over other steps.
+fn made_from(
+    model: &Model,
+    trajectory: &Trajectory,
+    options: &SessionOptions,
+    steps: usize,
+) -> Result<String> {
+    let mut digest = Digest::default();
+    digest.add("model", &model.to_bytes()?);
+    digest.add_file("data", trajectory.path())?;
+    let way = SessionOptions { n_threads: 1, ..options.clone() };
+    digest.add("way", format!("{way:?} {steps}").as_bytes());
+    Ok(digest.text())
 }
 
 impl Predicted {

@@ -23,7 +23,7 @@ mod summary;
 
 pub use pace::Pace;
 pub use prediction::{FieldErrors, Keep, Prediction};
-pub use scene::{Given, Scene, Step, predicted};
+pub use scene::{Given, Scene, Step, Values, predicted};
 pub use series::write as write_series;
 pub use summary::{Row, Summary, headline, json, summaries};
 
