@@ -2,7 +2,7 @@
 //! pickle's machine there is what such a file needs; what it calls is compared with the few names that make tensors and dicts, and
 //! nothing is imported or run.
 
-use super::{StateDict, numbers};
+use super::StateDict;
 use crate::npz::entries;
 use m4gn_base::{Error, Result};
 use m4gn_model::Tensor;
@@ -321,9 +321,10 @@ fn gather(
     let bytes = storages
         .get(&storage.key[..])
         .ok_or_else(|| format!("its numbers, data/{}, are missing", storage.key))?;
-    // What is read of them is checked below.
-    let all = numbers(storage.kind, bytes).ok_or("it holds no numbers of single or double precision")?;
-    let wrong = || format!("shape {shape:?}, strides {strides:?} at {offset} of {} numbers", all.len());
+    // Tensors may share a storage: of each the numbers that it has are read, and no others.
+    let size = if storage.kind == Dtype::F64 { 8 } else { 4 };
+    let wrong =
+        || format!("shape {shape:?}, strides {strides:?} at {offset} of {} numbers", bytes.len() / size);
     let count = shape.iter().try_fold(1usize, |a, n| a.checked_mul(*n)).filter(|n| n <= room);
     let count = count.ok_or_else(wrong)?;
     *room -= count;
@@ -333,7 +334,12 @@ fn gather(
             place = place.checked_add((rest % n).checked_mul(*stride)?)?;
             rest /= n;
         }
-        all.get(place).copied()
+        let start = place.checked_mul(size)?;
+        let bytes = bytes.get(start..start.checked_add(size)?)?;
+        match storage.kind {
+            Dtype::F64 => bytes.try_into().ok().map(|b| f64::from_le_bytes(b) as f32),
+            _ => bytes.try_into().ok().map(f32::from_le_bytes),
+        }
     };
     let data: Option<Vec<f32>> = (0..count).map(number).collect();
     Ok(Tensor { shape: shape.clone(), data: data.ok_or_else(wrong)? })
