@@ -56,7 +56,8 @@ impl Trainer<'_> {
         self.comm.agree(whole.and_then(|()| checkpoint.write(&path)))
     }
 
-    /// The figures of the end. A model file that was removed since is written again. Collective.
+    /// The figures of the end. A model file that was removed since, or is of a validation that a resumed training has not repeated, is written
+    /// again. Collective.
     pub(super) fn summary(&self, report: &Report) -> Result<serde_json::Value> {
         let (step, v) = self
             .progress
@@ -68,7 +69,8 @@ impl Trainer<'_> {
                         .into(),
                 )
             })?;
-        let written = match self.comm.is_root() && !self.request.out.exists() {
+        let is_best = |model: Model| model.spec.training["best"]["step"] == step;
+        let written = match self.comm.is_root() && !Model::read(&self.request.out).is_ok_and(is_best) {
             true => self.export(),
             false => Ok(()),
         };

@@ -308,6 +308,22 @@ fn damaged_checkpoints_are_refused() {
     run(&r).unwrap();
 }
 
+/// One that was killed behind a validation and before its checkpoint, and is carried on in another way, has left a model that nothing tells of.
+#[test]
+fn the_model_that_is_left_is_the_one_that_is_told() {
+    let folder = folder();
+    let mut r = request(folder.path(), "a", "", 4);
+    run(&r).unwrap();
+    let best = Model::read(&r.out).unwrap();
+    let mut other = best.clone();
+    other.tensors.values_mut().flat_map(|t| &mut t.data).for_each(|x| *x *= 0.5);
+    other.spec.training["best"]["step"] = 3.into();
+    other.write(&r.out).unwrap();
+    r.resume = true;
+    run(&r).unwrap();
+    assert_eq!(Model::read(&r.out).unwrap().tensors, best.tensors);
+}
+
 /// Files of the same names and lengths with other flows in them, and one trajectory to validate on more.
 #[test]
 fn a_training_is_carried_on_with_its_own_data_alone() {
