@@ -91,6 +91,10 @@ impl Trainer<'_> {
             let same = old[rollouts] == new[rollouts];
             return Err(misfit(if same { "data set" } else { "training.validation_rollouts" }));
         }
+        // Muon keeps no squares of gradients, by which Adam divides.
+        if old["optimiser"] != new["optimiser"] {
+            return Err(misfit("training.optimiser"));
+        }
         if earlier.weights.len() != self.layout.len() {
             return Err(misfit("network"));
         }

@@ -336,6 +336,9 @@ fn a_training_is_carried_on_with_its_own_data_alone() {
     edit(&r.config, "validation_rollouts = 1", "validation_rollouts = 2");
     fails(run(&r), &["made with another training.validation_rollouts"]);
     edit(&r.config, "validation_rollouts = 2", "validation_rollouts = 1");
+    edit(&r.config, "mirror = true", "mirror = true\noptimiser = \"muon\"");
+    fails(run(&r), &["made with another training.optimiser"]);
+    edit(&r.config, "optimiser = \"muon\"", "optimiser = \"adam\"");
     let own = std::fs::read(at("000.h5")).unwrap();
     std::fs::remove_file(at("000.h5")).unwrap();
     sample::write_trajectory(&at("000.h5"), 5, m4gn_data::Split::Train, 30).unwrap();
