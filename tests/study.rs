@@ -148,6 +148,7 @@ fn all_is_checked_before_the_first_training() {
             "segments = [3]\nremove =",
             "network \"GCN\" on \"flow\": segments = [3]: it is a network without segments",
         ),
+        ("segments = [2]", "segments = [999]", "segments = [999]: expected at most the cells or points of"),
         ("steps = 4", "steps = 4\nbackend = \"troch\"", "backend = \"troch\": expected native or torch"),
     ] {
         std::fs::write(at("study.toml"), STUDY.replacen(from, to, 1)).unwrap();

@@ -4,7 +4,7 @@ use super::{Data, Network, Plan, Test};
 use crate::generate::process::Surroundings;
 use crate::validate::trajectories;
 use m4gn_base::digest::Digest;
-use m4gn_base::{Error, Result, refuse};
+use m4gn_base::{Error, Result, refuse, refuse_any};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_train::config::Config;
 use std::collections::BTreeMap;
@@ -62,7 +62,13 @@ fn one(data: &Data, network: &Network, text: &str) -> Result<ModelSpec> {
         segments.check()?;
     }
     for Test { data, split, .. } in data.tests().iter() {
-        trajectories(data, split, &spec, &mut |_| ())?;
+        for (trajectory, _) in trajectories(data, split, &spec, &mut |_| ())? {
+            let nodes = trajectory.mesh().cell_global.len();
+            refuse_any(network.segments.iter().find(|n| **n > nodes), Error::Input, |count| {
+                let path = trajectory.path().display();
+                format!("segments = [{count}]: expected at most the cells or points of {path}, {nodes}")
+            })?;
+        }
     }
     Ok(spec)
 }
