@@ -43,7 +43,7 @@ pub fn percent(value: Option<f64>) -> String {
 
 /// A time, s, without the digits of rounding.
 pub fn seconds(time: f64) -> String {
-    format!("{}", (time * 1e9).round() / 1e9)
+    format!("{time:.9e}").parse::<f64>().map_or("-".into(), |time| time.to_string())
 }
 
 #[cfg(test)]
@@ -59,5 +59,6 @@ mod tests {
         assert_eq!(percent(Some(0.0123)), "1.23 %");
         assert_eq!(percent(None), "-");
         assert_eq!(seconds(0.1 + 0.2), "0.3");
+        assert_eq!(seconds(2.5e-10), "0.00000000025");
     }
 }

@@ -7,7 +7,7 @@ use m4gn_base::{Error, Result, listed};
 use m4gn_data::{Frame, Split, Trajectory, list};
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{Model, TrainedOn};
-use m4gn_report::number;
+use m4gn_report::{number, seconds};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -56,10 +56,10 @@ fn spacing(times: &[f64]) -> (Option<f64>, String) {
         // As exact as models need it.
         [first, .., last] if high - low <= 1e-3 * low => {
             let interval = (last - first) / (times.len() - 1) as f64;
-            (Some(interval), format!(", every {} s", short(interval)))
+            (Some(interval), format!(", every {} s", seconds(interval)))
         }
         _ => {
-            let text = format!(", at irregular intervals of {} to {} s", short(low), short(high));
+            let text = format!(", at irregular intervals of {} to {} s", seconds(low), seconds(high));
             (None, text)
         }
     }
@@ -81,7 +81,8 @@ fn trajectory(t: &Trajectory) -> Result<(String, Value)> {
         Some(body) => body::describe(t, body, &mut text, &mut figures),
         None => mesh(t.mesh(), &mut text, &mut figures),
     }
-    let _ = writeln!(text, "frames      {} from {} to {} s{every}", times.len(), short(first), short(last));
+    let _ =
+        writeln!(text, "frames      {} from {} to {} s{every}", times.len(), seconds(first), seconds(last));
     let mut fields = Vec::new();
     for field in t.fields() {
         let (from, to) = range(&t.read_frame(&field.name, times.len() - 1)?);
@@ -186,7 +187,7 @@ fn folder(path: &Path, damaged: &mut Vec<Error>) -> Result<(String, Value)> {
             text,
             "{name:<20} {:<6} {nodes:>8} {boundary:>9} {frames:>7}  {:<18} {:>8.1}",
             split.name(),
-            format!("{} to {}", short(first), short(last)),
+            format!("{} to {}", seconds(first), seconds(last)),
             megabytes(size)
         );
         rows.push(row);
@@ -260,11 +261,6 @@ fn words(value: &Value) -> String {
         }
         _ => value.to_string(),
     }
-}
-
-/// Times without the noise of their last digits.
-fn short(value: f64) -> f64 {
-    (value * 1e9).round() / 1e9
 }
 
 fn megabytes(bytes: u64) -> f64 {
