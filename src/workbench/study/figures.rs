@@ -3,6 +3,7 @@
 use crate::signal::median;
 use m4gn_report::number;
 use serde_json::Value;
+use std::path::Path;
 
 /// RMSE-all of the trajectories: in the middle, and the largest.
 pub(super) const TRAJECTORIES: [(&str, &str); 2] = [("median", "median"), ("worst", "worst")];
@@ -54,9 +55,26 @@ impl Spread {
     }
 }
 
-/// The logarithm of RMSE-all of each trajectory, by its path.
+/// The logarithm of RMSE-all of each trajectory, by the name of its file: a test is one folder, which may have been moved since it was validated on.
 pub(super) fn logarithms(figures: &Value) -> impl Iterator<Item = (&str, f64)> {
     let cases = figures["cases"].as_array().into_iter().flatten();
     let cases = cases.filter(|case| counts(figures, case["split"].as_str().unwrap_or_default()));
-    cases.filter_map(|case| Some((case["path"].as_str()?, case["model"]["rmse_all"].as_f64()?.ln())))
+    cases.filter_map(|case| {
+        let name = Path::new(case["path"].as_str()?).file_name()?.to_str()?;
+        Some((name, case["model"]["rmse_all"].as_f64()?.ln()))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_trajectory_is_the_same_wherever_its_folder_lies() {
+        let figures =
+            |path: &str| serde_json::json!({ "cases": [{ "path": path, "model": { "rmse_all": 1.0 } }] });
+        for path in ["/data/test/a.h5", "moved/a.h5"] {
+            assert_eq!(logarithms(&figures(path)).collect::<Vec<_>>(), [("a.h5", 0.0)]);
+        }
+    }
 }
