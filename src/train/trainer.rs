@@ -70,6 +70,13 @@ pub fn train(
 ) -> Result<serde_json::Value> {
     let report = Report::new(comm.is_root());
     let mut loaded = comm.agree(load(request, stop, comm, &report))?;
+    // A file that was just written or removed may be another elsewhere on a network's disk.
+    let step = loaded.earlier.as_ref().map_or("none".into(), |earlier| earlier.progress.step.to_string());
+    let seen = format!("checkpoint {step}\ntrajectories {}", loaded.work.names.len());
+    comm.agree_with(Ok(()), &seen).map_err(|e| match e {
+        Error::Input(m) => Error::Input(format!("{m}, and files on a disk that all ranks see alike")),
+        other => other,
+    })?;
     let (config, work, spec) = (&loaded.config, &loaded.work, &loaded.spec);
     let t = &config.training;
     if let (0, Some(model)) = (t.steps, &loaded.from) {
