@@ -235,6 +235,12 @@ fn whole_frames_of_a_killed_recording_are_kept() {
         assert_eq!(kept.times(), [0.0, 1.0]);
         assert_eq!(kept.read_frame(&kept.fields()[0].name, 1).unwrap(), frames(1)[0]);
     }
+    // But not of what can be copied again.
+    std::fs::write(&partial, &left).unwrap();
+    let mut writer = Writer::create_copy(&path, &square(), &options()).unwrap();
+    writer.append(2.0, &frames(2)).unwrap();
+    writer.finish().unwrap();
+    assert!(path.exists() && !partial.exists() && !dir.path().join("a-killed-4.h5").exists());
 }
 
 #[test]

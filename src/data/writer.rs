@@ -63,14 +63,32 @@ struct FieldSets {
 const TABLES: u64 = 1 << 20;
 
 impl Writer {
-    /// Starts a file with this (undecomposed) mesh, of cells or of a body; `mesh.cell_global` must be 0..N in order.
+    /// Starts a file with this (undecomposed) mesh, of cells or of a body; `mesh.cell_global` must be 0..N in order. The whole frames that
+    /// a killed recording of `a.h5` has left become `a-killed.h5`.
     ///
     /// # Errors
     /// [`Error::File`] when the file exists and may not be replaced, or cannot be made; [`Error::Input`] for
     /// field names that cannot be stored.
     pub fn create(path: impl AsRef<Path>, mesh: &Mesh, options: &WriteOptions) -> Result<Self> {
+        Self::begin(path.as_ref(), mesh, options, keep_killed)
+    }
+
+    /// As [`Writer::create`], of frames that are there elsewhere: what a killed program has left is removed. Among trajectories to learn from it
+    /// would be a second one of the same frames.
+    ///
+    /// # Errors
+    /// As [`Writer::create`].
+    pub fn create_copy(path: &Path, mesh: &Mesh, options: &WriteOptions) -> Result<Self> {
+        Self::begin(path, mesh, options, |partial, _| remove(partial))
+    }
+
+    fn begin(
+        path: &Path,
+        mesh: &Mesh,
+        options: &WriteOptions,
+        left: fn(&Path, &Path) -> Result<()>,
+    ) -> Result<Self> {
         quiet();
-        let path = path.as_ref();
         let name = path.file_name().ok_or_else(|| {
             Error::file(path, "is not the name of a file; expected a path that ends in .h5")
         })?;
@@ -93,7 +111,7 @@ impl Writer {
             last_time: f64::NEG_INFINITY,
         };
         // Without HDF5 in between, so that the message is the system's own (permissions, full disk).
-        let space = claim(&writer.partial, &writer.path)?;
+        let space = claim(&writer.partial, &writer.path, left)?;
         let result = mesh_bytes(mesh)
             .and_then(|bytes| reserve(&space, &writer.path, 0, bytes + TABLES))
             .and_then(|()| writer.start(space, mesh, options));
@@ -313,9 +331,9 @@ impl Open {
     }
 }
 
-/// Opens the file beside the final name for this recording alone. One that a killed run left behind is kept under another
-/// name, see [`keep_killed`]; one that another recording holds stays as it is.
-fn claim(partial: &Path, path: &Path) -> Result<std::fs::File> {
+/// Opens the file beside the final name for this recording alone. `left` takes away one that a killed run left behind; one that another
+/// recording holds stays as it is.
+fn claim(partial: &Path, path: &Path, left: fn(&Path, &Path) -> Result<()>) -> Result<std::fs::File> {
     let failed = |e: std::io::Error| Error::file(partial, format!("cannot be written: {e}"));
     loop {
         let mut options = std::fs::OpenOptions::new();
@@ -339,7 +357,7 @@ fn claim(partial: &Path, path: &Path) -> Result<std::fs::File> {
             if own.len() == 0 {
                 return Ok(file);
             }
-            keep_killed(partial, path)?;
+            left(partial, path)?;
         }
     }
 }
@@ -349,7 +367,7 @@ fn claim(partial: &Path, path: &Path) -> Result<std::fs::File> {
 fn keep_killed(partial: &Path, path: &Path) -> Result<()> {
     let failed = |e: std::io::Error| Error::file(partial, format!("cannot be kept under another name: {e}"));
     if complete(partial).is_err() {
-        return std::fs::remove_file(partial).map_err(failed);
+        return remove(partial);
     }
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let mut kept = path.with_file_name(format!("{stem}-killed.h5"));
@@ -359,6 +377,11 @@ fn keep_killed(partial: &Path, path: &Path) -> Result<()> {
         number += 1;
     }
     std::fs::rename(partial, kept).map_err(failed)
+}
+
+fn remove(partial: &Path) -> Result<()> {
+    let failed = |e: std::io::Error| Error::file(partial, format!("cannot be removed: {e}"));
+    std::fs::remove_file(partial).map_err(failed)
 }
 
 /// Makes a recording of the whole frames of a file that was not finished.

@@ -161,7 +161,7 @@ impl Bodies {
             split,
             overwrite: false,
         };
-        let mut writer = Writer::create(path, &self.body.mesh(self.obstacle.as_ref()), &options)?;
+        let mut writer = Writer::create_copy(path, &self.body.mesh(self.obstacle.as_ref()), &options)?;
         for frame in 0..self.world.shape[0] {
             let d = self.displacement(frame, &self.of_body).into_flattened();
             let others = self.fields.iter().map(|(_, array)| {

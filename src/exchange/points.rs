@@ -97,7 +97,7 @@ impl Points {
             split,
             overwrite: false,
         };
-        let mut writer = Writer::create(path, &self.mesh, &options)?;
+        let mut writer = Writer::create_copy(path, &self.mesh, &options)?;
         writer.set_triangles(&self.triangles)?;
         for frame in 0..self.frames() {
             let values = self.fields.iter().map(|(meta, array)| {

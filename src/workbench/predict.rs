@@ -94,7 +94,7 @@ pub fn run(
         split: trajectory.split(),
         overwrite: earlier.is_some(),
     };
-    let mut writer = Writer::create(out, trajectory.mesh(), &write)?;
+    let mut writer = Writer::create_copy(out, trajectory.mesh(), &write)?;
     writer.set_triangles(trajectory.triangles())?;
     let mut append = |state: &[_], frame: usize| {
         let values = scene.frame(state, frame).into_iter().zip(&kept).filter(|v| *v.1).map(|v| v.0);
