@@ -19,4 +19,5 @@ def field(path):
 
 def times(case):
     """Names of the time folders after 0, in order."""
-    return sorted((t for t in os.listdir(case) if re.fullmatch(r"[0-9.]+", t) and float(t) > 0), key=float)
+    number = re.compile(r"[0-9]+(\.[0-9]+)?(e[+-]?[0-9]+)?")
+    return sorted((t for t in os.listdir(case) if number.fullmatch(t) and float(t) > 0), key=float)
