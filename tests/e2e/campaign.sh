@@ -320,6 +320,7 @@ quantity fallback 'start = "nearest"'
 sed -i 's/^solver = .*/solver = [".\/own"]/' fallback/campaign.toml
 runs m4gn campaign run --store fallback
 expect_log 'r02 .*from cold (from nearest r01 there is no answer: .*log.own: own failed'
+grep -q '"tried": "nearest"' fallback/runs/r02/done || fail "the start in vain is not kept: $(cat fallback/runs/r02/done)"
 
 # A time that Allrun.pre leaves is none of a run's, and none that init's check begins at
 printf '#!/bin/sh\nblockMesh\ncp -r 0 5\n' > cavity/Allrun.pre

@@ -87,14 +87,14 @@ pub(super) fn stale(folder: &Path, what: &str) -> Error {
     )
 }
 
-/// `failed`: why a run from a sister's fields has no answer, in place of which it is made cold. What that took is in `clock`, as part of `prepare`.
+/// `failed`: the kind of a start from a sister's fields in place of which it is made cold, why that has no answer, and what it took.
 fn make(
     campaign: &Campaign,
     unit: Unit,
     case: &Path,
     tools: &Surroundings,
     (begin, clock): (Instant, &mut Clock),
-    failed: Option<String>,
+    failed: Option<(String, String, f64)>,
 ) -> Result<Record> {
     let (settings, row) = (&campaign.settings, &campaign.table.rows[unit.row]);
     let source = source_of(settings, &campaign.table, row, Some(&campaign.source), &campaign.folder, tools)?;
@@ -127,7 +127,9 @@ fn make(
 
     let mesh = if asked == Start::Cold { String::new() } else { start::mesh(case)? };
     let mut started = start::make(&plan, (case, &mesh), &sisters, scale, tools)?;
-    started.note = failed.or(started.note);
+    if let Some((kind, why, seconds)) = failed {
+        (started.tried, started.note, cost.tried) = (Some(kind), Some(why), seconds);
+    }
     let stored = plan.stored(&mesh, &sisters, scale);
     if let Some(stored) = stored {
         source.store(case, stored, None)?;
@@ -147,7 +149,8 @@ fn make(
         // Its own fields may serve where a sister's do not
         Err(e) if started.sister.is_some() => {
             let why = format!("from {started} there is no answer: {e}");
-            return make(campaign, unit, case, tools, (begin, clock), Some(why));
+            let took = cost.prepare + cost.start + clock.lap()?;
+            return make(campaign, unit, case, tools, (begin, clock), Some((started.kind, why, took)));
         }
         found => found?,
     };

@@ -41,8 +41,9 @@ const PERIODS: f64 = 5.0;
 impl Plan {
     /// Of the finished runs, nearest first.
     ///
-    /// A kind pays where the median of what its runs took, each over what the nearest cold run took, is below 1. It is tried until two runs have begun
-    /// so, and again, where no other pays, if none has begun from as near as twice the distance of this run's nearest sister.
+    /// A kind pays where the median of what its runs took, each over what the nearest cold run took, is below 1; a start
+    /// without an answer counts with the cold run behind it. A kind is tried until two runs have begun so, and again, where no other pays, if none has
+    /// begun from as near as twice the distance of this run's nearest sister.
     pub fn new(start: Start, sisters: &[Sister]) -> Plan {
         let mut kinds = match start {
             Start::Cold => Vec::new(),
@@ -101,9 +102,12 @@ impl Plan {
     }
 }
 
-/// Those that began so.
+/// Those that began so, also in vain.
 fn of(kind: Kind, sisters: &[Sister]) -> impl Iterator<Item = &Sister> {
-    sisters.iter().filter(move |s| s.record.start.kind == kind.name())
+    sisters.iter().filter(move |s| {
+        let start = &s.record.start;
+        start.kind == kind.name() || start.tried.as_deref() == Some(kind.name())
+    })
 }
 
 /// What runs of a kind took, of what the cold run took that was nearest to each; none: it is to be tried. `far`: how far the run's nearest sister is.
@@ -113,7 +117,7 @@ fn share(kind: Kind, sisters: &[Sister], far: f64) -> Option<f64> {
     let shares = near.filter_map(|s| {
         let away = |other: &&Sister| length(&offset(&s.offset, &other.offset));
         let cold = sisters.iter().filter(|s| s.record.start.kind == "cold");
-        Some(cost(s) / cost(cold.min_by(|a, b| away(a).total_cmp(&away(b)))?))
+        Some((s.record.cost.tried + cost(s)) / cost(cold.min_by(|a, b| away(a).total_cmp(&away(b)))?))
     });
     median(shares).filter(|_| of(kind, sisters).count() >= TRIED)
 }
@@ -148,6 +152,22 @@ mod tests {
         all.extend([at(0.3, "cycle", 20.0, Some(0.1)), at(0.4, "cycle", 20.0, Some(0.1))]);
         let (kinds, cold) = tried(&mut all);
         assert_eq!((kinds.len(), cold.unwrap().contains("cycle took 2.1 of a cold run")), (0, true));
+    }
+
+    #[test]
+    fn a_start_that_gives_no_answer_does_not_pay() {
+        let in_vain = |place: f64| {
+            let mut sister = at(place, "cold", 10.0, Some(0.5));
+            sister.record.start.tried = Some("nearest".into());
+            sister.record.cost.tried = 5.0;
+            sister
+        };
+        let mut all = vec![at(1.0, "cold", 10.0, None), in_vain(0.5)];
+        assert_eq!(tried(&mut all).0, ["cycle tried", "nearest tried"], "one is no judgement");
+        all.push(in_vain(-0.5));
+        let cold = Some("nearest took 1.5 of a cold run".to_string());
+        assert_eq!(tried(&mut all), (vec!["cycle tried".to_string()], cold));
+        assert_eq!(all[0].record.cost.total(), 15.0);
     }
 
     #[test]

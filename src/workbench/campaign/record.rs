@@ -53,6 +53,9 @@ pub struct Started {
     /// Distance of the nearest finished run in the parameters, each of which goes from 0 to 1; none: there was none.
     #[serde(default)]
     pub far: Option<f64>,
+    /// The kind of start that was tried before, and gave no answer.
+    #[serde(default)]
+    pub tried: Option<String>,
     /// Why it was this one.
     pub note: Option<String>,
 }
@@ -96,8 +99,11 @@ impl std::fmt::Display for Figure {
 /// Processor seconds of all programs of a run, and the wall time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
 pub struct Cost {
-    /// Of the mesh and the first fields, and of a start from a sister that failed.
+    /// Of the mesh and the first fields.
     pub prepare: f64,
+    /// Of all of a run from a sister's fields that gave no answer, before this one.
+    #[serde(default)]
+    pub tried: f64,
     /// Of taking what it starts from, and of decomposing.
     pub start: f64,
     /// Of the solver with all that rides in it.
@@ -114,7 +120,7 @@ pub struct Cost {
 impl Cost {
     /// Processor seconds of everything.
     pub fn total(&self) -> f64 {
-        self.prepare + self.to_answer() + self.states
+        self.prepare + self.tried + self.to_answer() + self.states
     }
 
     /// Those that depend on the start.

@@ -290,7 +290,7 @@ fn cost(campaign: &Campaign, runs: &[Run]) -> Table {
     let parameters = campaign.table.parameters.iter().map(String::as_str);
     let mut table = Table::new(["run"].into_iter().chain(parameters).chain(own));
     let parts: [fn(&Cost) -> f64; 6] =
-        [|c| c.prepare, |c| c.start, |c| c.solver, |c| c.surrogate, |c| c.states, |c| c.wall];
+        [|c| c.prepare + c.tried, |c| c.start, |c| c.solver, |c| c.surrogate, |c| c.states, |c| c.wall];
     for Run { name, unit, record: r } in runs {
         let mut row = vec![name.clone()];
         row.extend(campaign.table.rows[unit.row].values.iter().cloned());
