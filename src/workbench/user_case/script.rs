@@ -36,8 +36,10 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
     let mut depth = 0_usize;
     // The way from the case's folder to where commands are done, and those outside of brackets
     let (mut place, mut outer) = (Vec::<String>::new(), Vec::new());
-    let lines = lines(script);
-    for line in lines.iter().map(String::as_str) {
+    let mut variables = Vec::<(String, String)>::new();
+    for line in lines(script) {
+        let line = variables.iter().fold(line, |line, (name, value)| with_value(&line, name, value));
+        let line = line.as_str();
         let all = words(line);
         // What is behind || is done where a command fails, and ends a run itself
         let ends = |w: &&str| !(w.starts_with(['#', '>']) || *w == "||");
@@ -46,6 +48,13 @@ pub(crate) fn of_script(script: &str, application: &str, original: bool) -> Comm
             words.pop();
         }
         let Some(&first) = words.first() else { continue };
+        variables.retain(|(name, _)| !all.iter().any(|w| w.split_once('=').is_some_and(|(n, _)| n == name)));
+        if let (0, [word], true) = (depth, &words[..], place.is_empty())
+            && let Some(variable) = variable(word)
+        {
+            variables.push(variable);
+            continue;
+        }
         // solids4foam has its own of the same names
         let first = first.strip_prefix("solids4Foam::").unwrap_or(first);
         let runs = ["runApplication", "runParallel"].contains(&first);
@@ -196,6 +205,14 @@ fn lines(script: &str) -> Vec<String> {
     lines
 }
 
+/// Name and value of a variable that a word gives, where the value is plain. The solver's name is that of the case.
+fn variable(word: &str) -> Option<(String, String)> {
+    let (name, value) = word.split_once('=')?;
+    let plain = |text: &str, more: &str| text.chars().all(|c| c.is_ascii_alphanumeric() || more.contains(c));
+    let fits = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') && name != "application";
+    (fits && plain(name, "_") && plain(value, "._-/+ ")).then(|| (name.into(), value.into()))
+}
+
 /// A line with a value in place of `$name` and `${name}`.
 fn with_value(line: &str, name: &str, value: &str) -> String {
     let mut pieces = line.split('$');
@@ -290,6 +307,25 @@ mod tests {
         let found = of_script(set, "icoFoam", false);
         let command = ["foamDictionary", "-set", "uniform 1;", "-entry", "value", "0/T"].map(String::from);
         assert_eq!(found.prepare, [command.to_vec(), vec!["checkMesh".into()]]);
+    }
+
+    #[test]
+    fn variables_of_a_script_have_their_values() {
+        let script = "decompDict=\"-decomposeParDict system/decomposeParDict.6\" # six\nmesh=fine\nrunApplication blockMesh -dict system/$mesh\n\
+                      runApplication $decompDict decomposePar\nrunParallel $decompDict snappyHexMesh -overwrite\nrestore0Dir -processor\n\
+                      runParallel ${decompDict} $(getApplication)\nrunApplication reconstructPar\n";
+        let found = of_script(script, "icoFoam", true);
+        let expected: [&[&str]; 3] = [
+            &["blockMesh", "-dict", "system/fine"],
+            &["snappyHexMesh", "-overwrite"],
+            &["cp", "-rT", ORIGINAL, "0"],
+        ];
+        assert_eq!(found.prepare, expected);
+        assert!(found.parallel && found.unknown.is_empty(), "{found:?}");
+        let script = "a=x\nif [ $1 ]\nthen\n    a=y\nfi\nb=$(ls)\nrunApplication topoSet $a\n";
+        let found = of_script(script, "icoFoam", true);
+        assert!(found.prepare.is_empty(), "it may have another value");
+        assert_eq!(found.unknown, ["if [ $1 ]", "a=y", "b=$(ls)", "runApplication topoSet $a"]);
     }
 
     #[test]
