@@ -1,7 +1,6 @@
 //! Which values the parameters of a campaign's runs have.
 
 use super::table::{Row, Table, check_names};
-use crate::generate::parameter::short;
 use m4gn_base::{Error, Result, refuse};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -128,7 +127,7 @@ fn grid(parameters: &[Parameter], count: usize) -> Result<Vec<Vec<String>>> {
             Values::List(values) => values.clone(),
             Values::Range([low, high]) => {
                 let last = (count - 1).max(1) as f64;
-                (0..count).map(|i| short(low + (high - low) * i as f64 / last).to_string()).collect()
+                (0..count).map(|i| within([*low, *high], i as f64 / last)).collect()
             }
         };
         refuse(runs.len() * values.len() > MOST, Error::Input, || {
@@ -142,10 +141,17 @@ fn grid(parameters: &[Parameter], count: usize) -> Result<Vec<Vec<String>>> {
     Ok(runs)
 }
 
+/// The value at a place of a range, from 0 to 1: six significant digits, and more where the range is narrow beside its ends.
+fn within([low, high]: [f64; 2], place: f64) -> String {
+    let narrow = (low.abs().max(high.abs()) / (high - low)).log10().round().clamp(0.0, 11.0);
+    let digits = format!("{:.*e}", 5 + narrow as usize, low + (high - low) * place);
+    super::table::value(&digits).unwrap_or(digits)
+}
+
 /// Points of the unit cube as values.
 fn placed(parameters: &[Parameter], points: Vec<Vec<f64>>) -> Vec<Vec<String>> {
     let value = |(p, x): (&Parameter, &f64)| match &p.values {
-        Values::Range([low, high]) => short(low + (high - low) * x).to_string(),
+        Values::Range([low, high]) => within([*low, *high], *x),
         Values::List(values) => values[((x * values.len() as f64) as usize).min(values.len() - 1)].clone(),
     };
     points.iter().map(|point| parameters.iter().zip(point).map(value).collect()).collect()
@@ -195,6 +201,8 @@ mod tests {
         assert_eq!(values(&["a=1,2", "b=x,y"], None, 9), [["1", "x"], ["1", "y"], ["2", "x"], ["2", "y"]]);
         assert_eq!(values(&["a=1,2", "b=x,y"], Some(Method::List), 9), [["1", "x"], ["2", "y"]]);
         assert_eq!(values(&["a=0:1"], Some(Method::Grid), 3), [["0"], ["0.5"], ["1"]]);
+        let narrow = values(&["a=101325:101325.02"], Some(Method::Grid), 3);
+        assert_eq!(narrow, [["101325"], ["101325.01"], ["101325.02"]]);
         let uneven =
             sample(&parameters(&["a=1,2", "b=x"]), Some(Method::List), 9, 1).unwrap_err().to_string();
         assert!(uneven.contains("found [2, 1]"), "{uneven}");
