@@ -183,6 +183,11 @@ refused 'failed before, and is not made again' m4gn campaign run --store other
 refused 'r03 (Ulid 300, n 20): failed: ' m4gn campaign run --store other --retry
 runs m4gn campaign report --store other
 expect_log '2 of 3 runs' 'r03 failed'
+# A state that the user has removed is none that a run starts from
+rm -r other/runs/r02/case
+echo r04,1.1,24 >> other/parameters.csv
+runs m4gn campaign one r04 --store other
+expect_log '^r04: speed .*from nearest r01 x [0-9.]* mapped'
 
 # Dakota's files. asked FORMAT ULID ASV...: params.in as Dakota writes it, for the responses again and speed
 asked() {

@@ -85,10 +85,15 @@ pub fn make(
         notes.push("runs of several regions are cold".to_string());
     }
     for (kind, why) in kinds {
-        let made = match (kind, sisters) {
-            (Kind::Cycle, _) => cycles((case, own), sisters, scale),
-            (Kind::Nearest, [sister, ..]) => nearest((case, own), sister, scale, tools).map(Some),
-            (Kind::Nearest, []) => Ok(None),
+        // The user may have removed its case, and a state of ranks may not have been put together
+        let kept = || sisters.iter().find(|s| s.case.join(&s.record.last).is_dir());
+        let made = match kind {
+            Kind::Cycle => cycles((case, own), sisters, scale),
+            Kind::Nearest => match kept() {
+                Some(sister) => nearest((case, own), sister, scale, tools).map(Some),
+                None if sisters.is_empty() => Ok(None),
+                None => Err(Error::Input("no finished run has kept its last state".into())),
+            },
         };
         match made {
             Ok(Some(started)) => {
@@ -175,8 +180,8 @@ fn take(case: &mut FoamCase, sources: &[Source]) -> Result<()> {
     }
 }
 
-/// The start from the cycles of the runs around a run, the nearest first; none where they lie not around it, are of other meshes, or are no
-/// cycles.
+/// The start from the cycles of the runs around a run, the nearest first; none where they lie not around it, are of other meshes, are no cycles, or
+/// are not kept.
 fn cycles((case, own): (&Path, &str), sisters: &[Sister], scale: Scale<'_>) -> Result<Option<Started>> {
     let all: Vec<&Sister> = sisters.iter().filter(|s| s.same_words).collect();
     let offsets: Vec<Vec<f64>> = all.iter().map(|s| s.offset.clone()).collect();
@@ -185,10 +190,10 @@ fn cycles((case, own): (&Path, &str), sisters: &[Sister], scale: Scale<'_>) -> R
     for sister in all {
         let (Some(period), true) = (sister.record.period, some.len() < most) else { continue };
         if sister.record.mesh == own {
-            let (times, of_it) = states(&sister.case)?;
-            if !Cycle::covers(&times, period) {
+            let Some((times, of_it)) = states(&sister.case).ok().filter(|s| Cycle::covers(&s.0, period))
+            else {
                 continue;
-            }
+            };
             some.push((sister, period, times, folders.len()));
             folders.extend(of_it);
         }
@@ -279,7 +284,7 @@ pub(super) mod tests {
                 cost: Cost { solver: cost, ..Cost::default() },
                 ..Record::default()
             },
-            case: PathBuf::new(),
+            case: ".".into(),
             offset: vec![place],
             same_words: true,
         }
@@ -298,6 +303,9 @@ pub(super) mod tests {
         assert_eq!(of(&[], Start::Cold).note, None);
         let zero = of(&[at(0.0, "cold", 1.0, None)], Start::Nearest);
         assert!(zero.note.unwrap().contains("scale = \"U\": expected numbers other than 0, found 2 and 0"));
+        let gone = Sister { case: dir.path().join("none"), ..at(1.0, "cold", 1.0, None) };
+        let gone = of(&[gone], Start::Auto).note.unwrap();
+        assert_eq!(gone, "nearest cannot be taken: no finished run has kept its last state");
         let split = [("constant/polyMesh/faces", ""), ("constant/regionProperties", "")];
         crate::fixtures::write(dir.path(), &split);
         let regions = of_mesh(&mesh(dir.path()).unwrap(), &[at(1.0, "cold", 1.0, None)], Start::Nearest);
