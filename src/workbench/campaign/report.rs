@@ -1,6 +1,7 @@
 //! What came of a campaign: a table of all figures, and a page.
 
 use super::record::{Cost, DONE, Figure, Record, State};
+use super::settings::Quantity;
 use super::table::{NAME, OF_RESULTS, csv_text, number as as_number};
 use super::{Campaign, Unit};
 use m4gn_base::{Result, files, listed};
@@ -57,7 +58,7 @@ pub fn report(campaign: &Campaign) -> Result<Report> {
     }
     let (csv, html) = (campaign.folder.join("results.csv"), campaign.folder.join("report.html"));
     files::write_whole(&csv, results(campaign, &runs)?.as_bytes())?;
-    let compared = compared(&runs);
+    let compared = compared(&runs, &campaign.settings.quantity);
     notes.extend(compared.iter().filter(|c| c.holds == Some(false)).map(|c| {
         format!(
             "{} of {}: the run and its check differ by {}, more than their intervals",
@@ -106,7 +107,11 @@ struct Compared {
     holds: Option<bool>,
 }
 
-fn compared(runs: &[Run]) -> Vec<Compared> {
+/// Share of a quantity's tolerance that a run and its check may differ by whatever their intervals: those of a steady flow are smaller than what a linear
+/// solver leaves.
+const LITTLE: f64 = 0.01;
+
+fn compared(runs: &[Run], quantities: &[Quantity]) -> Vec<Compared> {
     let mut found = Vec::new();
     for check in runs.iter().filter(|r| r.unit.check) {
         let Some(own) = runs.iter().find(|r| !r.unit.check && r.unit.row == check.unit.row) else { continue };
@@ -114,7 +119,9 @@ fn compared(runs: &[Run]) -> Vec<Compared> {
             let Some(&of_check) = check.record.quantities.get(quantity) else { continue };
             let difference = (figure.value - of_check.value).abs();
             let halves = figure.half_width.zip(of_check.half_width);
-            let holds = halves.map(|(own, check)| difference <= own.hypot(check));
+            let asked = quantities.iter().find(|q| q.name == *quantity);
+            let little = LITTLE * asked.and_then(|q| q.tolerance_at(of_check.value)).unwrap_or(0.0);
+            let holds = halves.map(|(own, check)| difference <= own.hypot(check).max(little));
             found.push(Compared {
                 run: own.name.clone(),
                 quantity: quantity.clone(),
@@ -164,7 +171,7 @@ fn page(
         page.heading("Checks");
         page.paragraph(
             "Runs that were made twice: as all others, and cold and plain and to the end. A figure holds where both differ by no more than the \
-             root of the sum of the squares of their half-widths, which is not known where one has no interval.",
+             root of the sum of the squares of their half-widths, or than a hundredth of its tolerance. This is not known where one has no interval.",
         );
         let mut table = Table::new(["run", "quantity", "value", "check", "difference", "holds"]);
         for c in compared {
@@ -317,18 +324,29 @@ mod tests {
 
     #[test]
     fn a_run_that_is_off_its_check_by_more_than_both_intervals_is_told() {
-        let of = |value: f64| compared(&[run("a", false, 2.0), run("a", true, value)]).pop().unwrap();
+        let of = |value: f64| compared(&[run("a", false, 2.0), run("a", true, value)], &[]).pop().unwrap();
         assert_eq!((of(2.4).holds, of(2.45).holds), (Some(true), Some(false)));
         let mut short = run("a", true, 9.0);
         short.record.quantities.values_mut().for_each(|f| f.half_width = None);
         assert_eq!(
-            compared(&[run("a", false, 2.0), short])[0].holds,
+            compared(&[run("a", false, 2.0), short], &[])[0].holds,
             None,
             "a check without an interval says nothing"
         );
         assert!((of(2.45).difference - 0.45).abs() < 1e-12);
-        assert!(compared(&[run("a", true, 1.0)]).is_empty(), "the run itself is not there yet");
+        assert!(compared(&[run("a", true, 1.0)], &[]).is_empty(), "the run itself is not there yet");
+        let steady = |check: bool, value: f64| {
+            let mut run = run("a", check, value);
+            run.record.quantities.values_mut().for_each(|f| f.half_width = Some(0.0));
+            run
+        };
+        let asked = Quantity { name: "Cd".into(), relative: Some(0.01), ..Quantity::default() };
+        let of = |value: f64| {
+            compared(&[steady(false, value), steady(true, 2.0)], std::slice::from_ref(&asked))[0].holds
+        };
+        assert_eq!((of(2.0001), of(2.0003)), (Some(true), Some(false)));
     }
+
     #[test]
     fn runs_pay_once_they_have_saved_what_checks_took() {
         let found = balance(&[10.0, 4.0, 2.0, 2.0], &[10.0]).unwrap();

@@ -158,7 +158,7 @@ fn known(campaign: &Campaign, row: usize) -> Option<Known> {
     let Ok(State::Done(record)) = campaign.state(Unit { row, check: false }) else { return None };
     let figure = |q: &Quantity| {
         let value = record.quantities.get(&q.name)?.value;
-        Some((value, q.tolerance.or(q.relative.map(|r| r * value.abs()))?))
+        Some((value, q.tolerance_at(value)?))
     };
     Some(Known { row, figures: campaign.settings.quantity.iter().filter_map(figure).collect() })
 }

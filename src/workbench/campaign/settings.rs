@@ -81,6 +81,13 @@ pub struct Quantity {
     pub relative: Option<f64>,
 }
 
+impl Quantity {
+    /// Its tolerance at a value, in its unit; none: it has none.
+    pub fn tolerance_at(&self, value: f64) -> Option<f64> {
+        self.tolerance.or(self.relative.map(|r| r * value.abs()))
+    }
+}
+
 /// What of a series is asked for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
