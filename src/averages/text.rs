@@ -43,15 +43,20 @@ fn rounded(value: f64) -> f64 {
 
 /// Both numbers with as many decimals as the half-width has two digits.
 pub fn with_half_width(value: f64, half_width: f64) -> String {
+    let small = value != 0.0 && value.abs() < 1e-3;
     if !half_width.is_finite() || half_width <= 0.0 {
-        return format!("{value:.6} +- {half_width}");
+        return if small {
+            format!("{value:.5e} +- {half_width}")
+        } else {
+            format!("{value:.6} +- {half_width}")
+        };
     }
     match 1 - half_width.log10().floor() as i32 {
         decimals @ 0..=8 => {
             let decimals = decimals as usize;
             format!("{value:.decimals$} +- {half_width:.decimals$}")
         }
-        9.. => format!("{value:.8} +- {half_width:.1e}"),
+        9.. if !small => format!("{value:.8} +- {half_width:.1e}"),
         _ => format!("{value:.5e} +- {half_width:.1e}"),
     }
 }
@@ -67,5 +72,8 @@ mod tests {
         assert_eq!(with_half_width(28031.2, 456.0), "2.80312e4 +- 4.6e2");
         assert_eq!(with_half_width(0.5, 1e-14), "0.50000000 +- 1.0e-14");
         assert_eq!(with_half_width(0.5, f64::INFINITY), "0.500000 +- inf");
+        assert_eq!(with_half_width(1.5e-12, 1e-14), "1.50000e-12 +- 1.0e-14");
+        assert_eq!(with_half_width(-1.5e-7, f64::INFINITY), "-1.50000e-7 +- inf");
+        assert_eq!(with_half_width(0.0, 0.0), "0.000000 +- 0");
     }
 }
