@@ -90,6 +90,11 @@ refused 'has no \[\[quantity\]\]' m4gn campaign run --store study
 quantity study 'scale = "Ulid"' 'held_out = 0.25' 'start = "nearest"'
 refused 'has no run r7: expected one of r01' m4gn campaign one r7 --store study
 
+# What a stopped run leaves is told
+mkdir -p study/runs/r02/case
+runs m4gn campaign status --store study
+expect_log 'r02 .*to make anew, from its begin'
+
 # Killed in the middle, and carried on: what is done stays, and nothing of the killed run does
 m4gn campaign run --store study > log.killed 2>&1 &
 killed=$!

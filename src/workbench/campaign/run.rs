@@ -262,6 +262,10 @@ pub fn status(campaign: &Campaign) -> Result<(Table, usize)> {
         let (state, record) = match (campaign.state(unit)?, holder(&folder)) {
             (State::Done(record), _) => ("done".into(), Some(record)),
             (_, Some(who)) => (format!("is made by {who}"), None),
+            // Its case is of a run that was stopped, or that failed with other contents
+            (State::Missing, None) if folder.join("case").exists() => {
+                ("to make anew, from its begin".into(), None)
+            }
             (State::Missing, None) => ("to make".into(), None),
             (State::Failed(why), None) => (format!("failed: {why}"), None),
             (State::Stale(what), None) => (format!("of another content of: {what}"), None),
