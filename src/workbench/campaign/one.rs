@@ -238,7 +238,8 @@ pub(super) fn prepare(settings: &Settings, case: &Path, start: f64, tools: &Surr
             |m| Error::file(&log, m),
             |(text, _)| {
                 format!(
-                    "a program of prepare failed: {text}; where runs can do without it, have the script keep its output out of this log"
+                    "a program of prepare failed: {text}; where runs can do without it, have the script remove this log, or send what that program \
+                     writes, errors too (2>&1), elsewhere"
                 )
             },
         )?;
