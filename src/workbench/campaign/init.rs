@@ -4,7 +4,7 @@ use super::case::{PARAMETERS, Source, parameters};
 use super::one::prepare;
 use super::quantities::{Entries, largest, quantities};
 use super::sampling::{Method, Parameter, sample};
-use super::survey::{beside, check_uses, commands};
+use super::survey::{beside, check_uses, commands, texts};
 use super::{check_apart, settings, table};
 use crate::check::{self, Case, Plan};
 use crate::generate::openfoam::{plain_path, scratch};
@@ -73,13 +73,16 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
     )?;
     let table = sample(&request.parameters, request.method, request.count, request.seed)?;
     let scratch = scratch()?;
-    let beside = beside(&case)?;
     let read = Source::read(&case, scratch.path(), &parameters(&table, &table.rows[0]), None, tools);
+    // What lies beside a case may be why it cannot be read
+    let unread = Source { folder: case.clone(), ..Source::default() };
+    let texts = texts(read.as_ref().unwrap_or(&unread))?;
+    let beside = beside(&case, &texts)?;
     let source = read.map_err(|e| match (e, &beside) {
         (Error::File { path, message }, Some(note)) => Error::file(path, format!("{message}; {note}")),
         (e, _) => e,
     })?;
-    let alone = check_uses(&source, &request.parameters)?;
+    let alone = check_uses(&source, &request.parameters, &texts)?;
     let mut notes: Vec<String> = beside.into_iter().collect();
     if !alone.is_empty() {
         notes.push(format!(

@@ -52,17 +52,19 @@ fn depends(source: &Source, file: &str, parameters: &[Parameter]) -> bool {
     false
 }
 
+/// Names and texts of files.
+type Texts = [(String, String)];
+
 /// What is said of files and folders beside the case that its dictionaries name: runs are made in copies of the case alone.
 ///
 /// # Errors
 /// [`Error::File`] where the case cannot be read.
-pub fn beside(case: &Path) -> Result<Option<String>> {
-    let source = Source { folder: case.to_path_buf(), ..Source::default() };
+pub fn beside(case: &Path, texts: &Texts) -> Result<Option<String>> {
     let own = names(case)?;
     let mut others = case.parent().map_or(Ok(Vec::new()), names).unwrap_or_default();
     others.retain(|name| !own.contains(name) && Some(name.as_ref()) != case.file_name());
     let mut found = Vec::new();
-    for (file, text) in texts(&source)?.iter().filter(|(file, _)| file.contains('/')) {
+    for (file, text) in texts.iter().filter(|(file, _)| file.contains('/')) {
         let mut lines =
             text.lines().filter(|line| line.contains("../") && !line.trim_start().starts_with("//"));
         let named = |line: &str| others.iter().find(|name| mentions(line, &format!("../{name}")));
@@ -74,7 +76,10 @@ pub fn beside(case: &Path) -> Result<Option<String>> {
 }
 
 /// The case's files that may use a parameter, and their texts.
-fn texts(source: &Source) -> Result<Vec<(String, String)>> {
+///
+/// # Errors
+/// [`Error::File`] where the case cannot be read.
+pub fn texts(source: &Source) -> Result<Vec<(String, String)>> {
     let mut texts = Vec::new();
     for name in source.files()? {
         if !name.contains("polyMesh/") || name.ends_with("blockMeshDict") {
@@ -89,12 +94,12 @@ fn texts(source: &Source) -> Result<Vec<(String, String)>> {
 ///
 /// # Errors
 /// [`Error::Input`] naming the parameter that no file uses, and the lines that may hold its value, or first fields that lose theirs.
-pub fn check_uses(source: &Source, parameters: &[Parameter]) -> Result<Vec<String>> {
-    let (names, texts) = (source.files()?, texts(source)?);
+pub fn check_uses(source: &Source, parameters: &[Parameter], texts: &Texts) -> Result<Vec<String>> {
+    let names = source.files()?;
     for parameter in parameters {
         let name = &parameter.name;
         if !texts.iter().any(|(_, text)| uses(text, name)) {
-            return Err(Error::Input(unused(&source.folder, parameter, &texts)));
+            return Err(Error::Input(unused(&source.folder, parameter, texts)));
         }
     }
     let text = |name: &str| texts.iter().find(|(n, _)| n == name).map_or("", |(_, text)| text.as_str());
@@ -180,7 +185,7 @@ fn uses(text: &str, name: &str) -> bool {
 }
 
 /// What is said of a parameter that no file uses.
-fn unused(case: &Path, parameter: &Parameter, texts: &[(String, String)]) -> String {
+fn unused(case: &Path, parameter: &Parameter, texts: &Texts) -> String {
     let name = &parameter.name;
     let lines = |wanted: &dyn Fn(&str) -> bool| -> Vec<String> {
         let of = |(file, text): &(String, String)| -> Vec<String> {
@@ -246,6 +251,15 @@ mod tests {
         assert!(uses(&format!("object a;\nU 1;\n{include}"), "U"), "the one that is included counts");
         assert!(uses(&format!("{include}a #codeStream {{ dict.lookup(\"U\") }}"), "U"));
         assert!(uses("of() { foamDictionary -entry \"$1\" -value system/simulationParameters; }\nof U", "U"));
+    }
+
+    fn beside(case: &Path) -> Result<Option<String>> {
+        let source = Source { folder: case.to_path_buf(), ..Source::default() };
+        super::beside(case, &texts(&source)?)
+    }
+
+    fn check_uses(source: &Source, parameters: &[Parameter]) -> Result<Vec<String>> {
+        super::check_uses(source, parameters, &texts(source)?)
     }
 
     fn source(list: &[(&str, &str)]) -> (tempfile::TempDir, Source) {
