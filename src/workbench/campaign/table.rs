@@ -153,8 +153,16 @@ pub(super) fn value(text: &str) -> Option<String> {
 
 fn column(values: Vec<&str>) -> Vec<f64> {
     let numbers: Option<Vec<f64>> = values.iter().map(|v| number(v)).collect();
-    let first = |v: &str| values.iter().position(|w| *w == v).unwrap_or(0) as f64;
-    let values = numbers.unwrap_or_else(|| values.iter().map(|v| first(v)).collect());
+    let values = numbers.unwrap_or_else(|| {
+        let mut words = Vec::<&str>::new();
+        let places = values.iter().map(|v| {
+            words.iter().position(|w| w == v).unwrap_or_else(|| {
+                words.push(*v);
+                words.len() - 1
+            }) as f64
+        });
+        places.collect()
+    });
     let (low, high) =
         values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (l.min(v), h.max(v)));
     values.iter().map(|v| if high > low { (v - low) / (high - low) } else { 0.0 }).collect()
@@ -206,6 +214,7 @@ mod tests {
         let table = Table::parse(text).unwrap();
         assert_eq!(table.text().unwrap(), text);
         assert_eq!(table.places(), [[1.0, 0.0], [0.0, 1.0]]);
+        assert_eq!(column(vec!["a", "b", "a", "c"]), [0.0, 0.5, 0.0, 1.0]);
         let spaced =
             Table::parse("# drawn\ncase_name, Uin, model\na, 1.50, kEpsilon\nb, 3e-1, kOmegaSST\n").unwrap();
         assert_eq!(spaced, table);
