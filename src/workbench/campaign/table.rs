@@ -49,8 +49,8 @@ impl Table {
         let mut columns = header.iter();
         if columns.next() != Some(NAME) {
             return Err(format!(
-                "line 1: expected {NAME} and the names of parameters, found '{}'",
-                header.as_slice()
+                "the first row: expected {NAME} and the names of parameters with commas between them, found '{}' as the first",
+                header.iter().next().unwrap_or_default()
             ));
         }
         let parameters: Vec<String> = columns.map(String::from).collect();
@@ -252,7 +252,8 @@ mod tests {
     #[test]
     fn faults_have_their_line() {
         for (text, expected) in [
-            ("name,U\na,1\n", "line 1: expected case_name"),
+            ("U;case_name\n1;a\n", "the first row: expected case_name"),
+            ("U,case_name\n1,a\n", "found 'U' as the first"),
             ("case_name,U,U\na,1,2\n", "parameter 'U': expected a name of its own"),
             ("case_name,value\na,1\n", "parameter 'value': expected a name of its own"),
             ("case_name,U\n", "found none"),
