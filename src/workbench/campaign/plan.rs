@@ -79,7 +79,7 @@ impl Plan {
     /// that the nearest sister has.
     pub fn stored(&self, mesh: &str, sisters: &[Sister], scale: Scale<'_>) -> Option<(f64, usize)> {
         let nearest = sisters.first().filter(|_| self.cycles(mesh, sisters))?;
-        Some(cycle::stored(nearest.record.period? / ratio(scale, &nearest.record).unwrap_or(1.0).abs()))
+        Some(cycle::stored(nearest.record.period? / ratio(scale, &nearest.record).unwrap_or(1.0)))
     }
 
     /// The same of a run that has ended without, and for that goes on for a period of its own.

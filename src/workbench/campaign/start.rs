@@ -236,12 +236,13 @@ fn states(case: &Path) -> Result<(Vec<f64>, Vec<PathBuf>)> {
 pub(super) fn ratio(scale: Scale<'_>, sister: &Record) -> Result<f64> {
     let Some((name, value)) = scale else { return Ok(1.0) };
     let theirs = sister.parameters.get(name).map_or("", String::as_str);
-    match (number(value), number(theirs)) {
-        (Some(own), Some(other)) if other != 0.0 && own != 0.0 => Ok(own / other),
-        _ => Err(Error::Input(format!(
-            "scale = \"{name}\": expected numbers other than 0, found {value} and {theirs}"
-        ))),
-    }
+    let found = number(value).zip(number(theirs)).map(|(own, other)| own / other);
+    // A flow that is turned round is another one, and omega would be negative
+    found.filter(|r| *r > 0.0 && r.is_finite()).ok_or_else(|| {
+        Error::Input(format!(
+            "scale = \"{name}\": expected numbers of one sign, and not 0, found {value} and {theirs}"
+        ))
+    })
 }
 
 /// Digest of a case's mesh; empty: it has none, or several regions.
@@ -302,7 +303,9 @@ pub(super) mod tests {
         assert_eq!((none.kind.as_str(), none.note.as_deref()), ("cold", Some("no sister is finished")));
         assert_eq!(of(&[], Start::Cold).note, None);
         let zero = of(&[at(0.0, "cold", 1.0, None)], Start::Nearest);
-        assert!(zero.note.unwrap().contains("scale = \"U\": expected numbers other than 0, found 2 and 0"));
+        assert!(zero.note.unwrap().contains("numbers of one sign, and not 0, found 2 and 0"));
+        let turned = of(&[at(-1.0, "cold", 1.0, None)], Start::Nearest);
+        assert!(turned.note.unwrap().contains("numbers of one sign, and not 0, found 2 and -1"));
         let gone = Sister { case: dir.path().join("none"), ..at(1.0, "cold", 1.0, None) };
         let gone = of(&[gone], Start::Auto).note.unwrap();
         assert_eq!(gone, "nearest cannot be taken: no finished run has kept its last state");
