@@ -117,10 +117,10 @@ pub fn starts(folder: &Path) -> Vec<String> {
 
 /// The column `name` of a table's text.
 ///
-/// Lines that begin with `#` are comments; the last one before the first row names the columns. Brackets of vectors do not count: the columns
-/// of a vector `force` are `force_x`, `force_y`, `force_z`. Columns without a name have their number, from 1 behind the time. Only the time and the
-/// column that is asked for have to be numbers. A last line that does not end is left out: it may not be whole. So are rows of OpenFOAM's solverInfo
-/// without the columns of a field that was not solved for: they do not say of which.
+/// Lines that begin with `#` are comments; the last one before the first row names the columns. The columns of a vector `force`, which has brackets
+/// in the rows, are `force_x`, `force_y`, `force_z`; those of tensors end in `_xx` and so on. Columns without a name have their number, from 1 behind
+/// the time. Only the time and the column that is asked for have to be numbers. A last line that does not end is left out: it may not be whole. So are
+/// rows of OpenFOAM's solverInfo without the columns of a field that was not solved for: they do not say of which.
 ///
 /// # Errors
 /// What was expected and found, with line and column.
@@ -170,7 +170,7 @@ fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
         let (at, count) = match place {
             Some(place) => place,
             None => {
-                let names = names(header, words.len());
+                let names = names(header, line);
                 let at = names.iter().position(|n| n == name).ok_or_else(|| unknown(name, &names))?;
                 *place.insert((at, words.len()))
             }
@@ -202,9 +202,13 @@ fn columns_of_solves(header: &str) -> usize {
     if names.iter().any(|name| name.ends_with("_solver")) { names.len() } else { 0 }
 }
 
+/// Whether words end here.
+fn is_gap(c: char) -> bool {
+    c.is_whitespace() || c == '(' || c == ')' || c == ','
+}
+
 /// The words of a line with their columns in the text, from 1; brackets are spaces.
 fn words(line: &str) -> impl Iterator<Item = (usize, &str)> {
-    let is_gap = |c: char| c.is_whitespace() || c == '(' || c == ')' || c == ',';
     let start = line.as_ptr() as usize;
     line.split(is_gap).filter(|w| !w.is_empty()).map(move |w| (w.as_ptr() as usize - start + 1, w))
 }
@@ -225,8 +229,40 @@ fn unknown(name: &str, names: &[String]) -> String {
     format!("expected a column {name}, found {}{more}", excerpt.join(", "))
 }
 
-/// Names of the `count` columns behind the time, by a header's words, the first of which names the time.
-pub fn names(header: &str, count: usize) -> Vec<String> {
+/// Numbers of each value behind the time of a row: one without brackets, those within the innermost brackets of others.
+fn sizes(row: &str) -> Vec<usize> {
+    let values = row.trim_start_matches(is_gap).split_once(is_gap).map_or("", |(_time, values)| values);
+    let values = values.replace(',', " ").replace('(', " ( ").replace(')', " ) ");
+    let (mut sizes, mut size, mut depth) = (Vec::new(), 0, 0);
+    for word in values.split_whitespace() {
+        match word {
+            "(" | ")" => {
+                sizes.extend(Some(size).filter(|size| *size > 0));
+                size = 0;
+                depth += if word == "(" { 1 } else { -1 };
+            }
+            _ if depth > 0 => size += 1,
+            _ => sizes.push(1),
+        }
+    }
+    sizes.extend(Some(size).filter(|size| *size > 0));
+    sizes
+}
+
+/// What stands behind the name of a value of so many numbers, for each of them; none: OpenFOAM has no such value.
+fn components(size: usize) -> Option<&'static [&'static str]> {
+    let all: &'static [&'static str] = match size {
+        1 => &[""],
+        3 => &["_x", "_y", "_z"],
+        6 => &["_xx", "_xy", "_xz", "_yy", "_yz", "_zz"],
+        9 => &["_xx", "_xy", "_xz", "_yx", "_yy", "_yz", "_zx", "_zy", "_zz"],
+        _ => return None,
+    };
+    Some(all)
+}
+
+/// Names of the columns behind the time of a table with this first row, by a header's words, the first of which names the time.
+pub fn names(header: &str, row: &str) -> Vec<String> {
     let mut named: Vec<String> = Vec::new();
     let mut group = "";
     for word in header.split_whitespace().skip(1) {
@@ -243,15 +279,19 @@ pub fn names(header: &str, count: usize) -> Vec<String> {
             named.push(if of.is_empty() { rest.into() } else { format!("{of}_{rest}") });
         }
     }
-    let components: &[&str] = match count.checked_div(named.len()) {
-        Some(3) => &["_x", "_y", "_z"],
-        Some(6) => &["_xx", "_xy", "_xz", "_yy", "_yz", "_zz"],
-        _ => &[""],
-    };
-    if named.len() * components.len() != count {
-        return (1..=count).map(|i| i.to_string()).collect();
+    let sizes = sizes(row);
+    let count: usize = sizes.iter().sum();
+    if named.len() == count {
+        return named;
     }
-    named.iter().flat_map(|n| components.iter().map(move |c| format!("{n}{c}"))).collect()
+    let of = |(name, size): (&String, &usize)| {
+        Some(components(*size)?.iter().map(|c| format!("{name}{c}")).collect::<Vec<_>>())
+    };
+    let all: Option<Vec<_>> = named.iter().zip(&sizes).map(of).collect();
+    match all.filter(|_| named.len() == sizes.len()) {
+        Some(all) => all.concat(),
+        None => (1..=count).map(|i| i.to_string()).collect(),
+    }
 }
 
 #[cfg(test)]
@@ -294,6 +334,14 @@ mod tests {
         assert_eq!(column(forces, "pressure_y").unwrap().values, [5.0]);
         let grouped = "# Time forces(pressure viscous) moment(pressure viscous)\n1 ((1 2 3) (4 5 6)) ((7 8 9) (10 11 12))\n";
         assert_eq!(column(grouped, "moment_pressure_z").unwrap().values, [9.0]);
+        let mixed = "# Time average(U) average(grad(U)) average(p)\n1 (1 2 3) (4 5 6 7 8 9 10 11 12) 13\n";
+        for (name, value) in [("average(U)_z", 3.0), ("average(grad(U))_yx", 7.0), ("average(p)", 13.0)] {
+            assert_eq!(column(mixed, name).unwrap().values, [value], "{name}");
+        }
+        let two = "# Time average(U) average(grad(U))\n1 (1 2 3) (4 5 6 7 8 9 10 11 12)\n";
+        assert_eq!(column(two, "average(grad(U))_xx").unwrap().values, [4.0]);
+        let extremes = "# Time field max location(max)\n1 p 5 (6 7 8)\n";
+        assert_eq!(column(extremes, "location(max)_y").unwrap().values, [7.0]);
         let probes = "# Probe 0 (0 0 0)\n# Probe 1 (1 0 0)\n#  Probe  0  1\n#  Time\n 0.1 (1 2 3) (4 5 6)\n";
         assert_eq!(column(probes, "5").unwrap().values, [5.0]);
         assert_eq!(column("1 2\n3 4\n", "1").unwrap().values, [2.0, 4.0]);

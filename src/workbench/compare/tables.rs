@@ -48,11 +48,12 @@ impl Table {
         let text = text.rfind('\n').map_or("", |end| &text[..end]);
         let mut heads = text.lines().filter_map(|line| line.strip_prefix('#'));
         let head = heads.rfind(|head| head.split_whitespace().next() == Some("Time")).unwrap_or_default();
-        let rows = text.lines().filter(|line| !line.starts_with('#')).filter_map(numbers);
-        let mut rows: Vec<Vec<f64>> = rows.filter(|row| row.len() > 1 && row[0].is_finite()).collect();
-        let width = rows.first().map_or(0, Vec::len);
-        rows.retain(|row| row.len() == width);
-        let columns = std::iter::once("Time".into()).chain(names(head, width.saturating_sub(1))).collect();
+        let lines = text.lines().filter(|line| !line.starts_with('#'));
+        let rows = lines.filter_map(|line| Some((line, numbers(line)?)));
+        let mut rows = rows.filter(|(_, row)| row.len() > 1 && row[0].is_finite()).peekable();
+        let (first, width) = rows.peek().map_or(("", 0), |(line, row)| (*line, row.len()));
+        let columns = std::iter::once("Time".into()).chain(names(head, first)).collect();
+        let mut rows: Vec<Vec<f64>> = rows.map(|(_, row)| row).filter(|row| row.len() == width).collect();
         rows.dedup_by(|b, a| b[0] <= a[0]);
         Table { columns, rows }
     }
