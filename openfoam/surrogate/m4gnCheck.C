@@ -14,7 +14,7 @@ namespace
 {
 using namespace Foam;
 
-//- Steps after the jump that are watched, and those of which a time scale can be told
+//- Steps until the jump, and behind it, at most; and steps of which a time scale can be told
 const label most = 100, fewest = 20;
 
 //- Entries of the dmd surrogate for a jump after a few states, however they are fitted, and whatever the case sets
@@ -50,6 +50,7 @@ Foam::m4gnCheck::m4gnCheck(const fvMesh& mesh, const dictionary& dict)
       seconds_(dict.getOrDefault<scalar>("seconds", 10)), made_(0), steps_(0), after_(0), jumped_(false),
       began_(0), state_(nullptr)
 {
+    report_.set("most_steps", most);
     report_.set("surrogate", m4gnHybridRun::kinds(dict).first());
     report_.set("cells", returnReduce(mesh.nCells(), sumOp<label>()));
     report_.set("ranks", Pstream::nProcs());

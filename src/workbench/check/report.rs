@@ -49,6 +49,8 @@ pub struct Report {
     pub start_time: f64,
     /// Where it ends, s.
     pub end_time: f64,
+    /// Steps without a jump after which the check ends the run.
+    pub most_steps: usize,
     /// Where the check ended, s.
     pub time: f64,
     /// Fields that the surrogate advances. Empty: it was not made.

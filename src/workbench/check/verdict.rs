@@ -8,9 +8,6 @@ use m4gn_base::Error;
 /// Steps that a jump takes, and the solver's next ones.
 const FEWEST: usize = 25;
 
-/// Steps without a jump after which m4gnCheck ends the run.
-const MOST: usize = 100;
-
 /// What came of a surrogate.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Verdict {
@@ -58,7 +55,7 @@ impl Verdict {
         let refused = |why: &str| last(end.decisions, "jump_ended").is_some_and(|d| d["why"] == why);
         let to_its_end = report.time > report.end_time - 0.5 * report.delta_t;
         let has_fit = last(end.decisions, "fit").is_some();
-        let in_time = report.steps < MOST && !to_its_end;
+        let in_time = report.steps < report.most_steps && !to_its_end;
         match report {
             Report { jumped: true, steps_after: 1.., .. } => Verdict::Fits,
             r if r.surrogate.is_empty() => Verdict::No(match log::dropped(end.log, CALLED) {
@@ -134,7 +131,15 @@ mod tests {
 
     /// A run to 1 s that came to `time` in so many steps.
     fn made(steps: usize, time: f64) -> Report {
-        Report { surrogate: "dmd".into(), steps, time, end_time: 1.0, delta_t: 0.01, ..Report::default() }
+        Report {
+            surrogate: "dmd".into(),
+            steps,
+            most_steps: 100,
+            time,
+            end_time: 1.0,
+            delta_t: 0.01,
+            ..Report::default()
+        }
     }
 
     #[test]
@@ -158,7 +163,7 @@ mod tests {
         );
         assert!(no(&made(0, 0.0), "").contains("no time step"));
         assert!(no(&made(9, 1.0), "").contains("ends after 9 steps of icoFoam, too few"));
-        assert!(no(&made(MOST, 0.5), "").contains("no jump in 100 steps"));
+        assert!(no(&made(100, 0.5), "").contains("no jump in 100 steps"));
         let jumped = Report { jumped: true, steps_after: 5, ..made(30, 0.3) };
         assert_eq!(of(&jumped, "", None, false), Verdict::Fits);
     }
@@ -171,17 +176,17 @@ mod tests {
         let late = of(&Report::default(), "", Some(&failed), true);
         assert!(matches!(&late, Verdict::Open(what) if what.ends_with("give --seconds 45")), "{late:?}");
         // Steps of 1e-4 s that grow
-        let grows = Report { adjusts: true, delta_t: 1e-4, ..made(MOST, 0.5) };
+        let grows = Report { adjusts: true, delta_t: 1e-4, ..made(100, 0.5) };
         assert!(
             matches!(of(&grows, "", None, false), Verdict::Open(what) if what.contains("time step grew"))
         );
-        assert!(no(&Report { adjusts: true, ..made(MOST, 0.99) }, "").contains("do not change"));
+        assert!(no(&Report { adjusts: true, ..made(100, 0.99) }, "").contains("do not change"));
         let few = of(&made(60, 0.6), "", None, false);
         assert!(matches!(&few, Verdict::Open(what) if what.ends_with("give --seconds 18")), "{few:?}");
         let decided = |event: &str, why: &str, time: f64| {
             let decisions = [serde_json::json!({ "time": 0.5, "event": event, "why": why })];
             let end = End { log: "", failed: None, late: false, seconds: 6, decisions: &decisions };
-            match Verdict::of(&Report { adjusts: true, ..made(MOST, time) }, &end, "icoFoam") {
+            match Verdict::of(&Report { adjusts: true, ..made(100, time) }, &end, "icoFoam") {
                 Verdict::Open(what) | Verdict::No(what) => what,
                 other => panic!("{other:?}"),
             }
