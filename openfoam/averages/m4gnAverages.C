@@ -83,6 +83,7 @@ void Foam::functionObjects::m4gnAverages::readQuantities(const dictionary& dict)
         q.seldom = q.any = q.settled = false;
         q.seen = q.last = 0;
         q.before = objectResultEntries(q.functionObject);
+        q.published = published(q);
 
         quantities_.append(q);
         const std::string source(q.functionObject + ' ' + q.result + ' ' + component);
@@ -156,6 +157,22 @@ Foam::fileName Foam::functionObjects::m4gnAverages::stateFile(const scalar time)
     return (ranks.empty() ? at : ranks) / "uniform" / (name() + ".state");
 }
 
+const void* Foam::functionObjects::m4gnAverages::published(const quantity& from) const
+{
+    const dictionary& all = m4gn::properties(const_cast<Time&>(time_).functionObjects());
+    const dictionary* results = all.findDict("results", keyType::LITERAL);
+    const dictionary* types = results ? results->findDict(from.functionObject, keyType::LITERAL) : nullptr;
+    if (types) {
+        for (const entry& type : *types) {
+            const dictionary* of = type.dictPtr();
+            if (const entry* found = of ? of->findEntry(from.result, keyType::LITERAL) : nullptr) {
+                return found;
+            }
+        }
+    }
+    return nullptr;
+}
+
 bool Foam::functionObjects::m4gnAverages::value(const quantity& from, scalar& found)
 {
     // Results outlive a function object that is taken out of controlDict
@@ -215,13 +232,16 @@ void Foam::functionObjects::m4gnAverages::addRow(const label i, const bool surro
         q.last = now;
         return;
     }
-    if (q.seldom && q.any && found == q.seen) {
+    // A function object that publishes twice in a step may leave its entry where the last one was
+    const void* const place = published(q);
+    if (q.seldom && place == q.published && (!q.any || found == q.seen)) {
         return;
     }
     if (Pstream::master()) {
         m4gn_averages_push(averages_.get(), i, now, found, now - q.last, surrogate);
     }
     q.any = true;
+    q.published = place;
     q.seen = found;
     q.last = now;
 }

@@ -148,7 +148,7 @@ runs mpirun -np 2 icoFoam -parallel -fileHandler collated
 expect_log "pMax: too few rows, $(calc "int($steps/20)")\$"
 control startFrom latestTime endTime 0.3
 runs mpirun -np 2 icoFoam -parallel -fileHandler collated
-expect_log 'carries on with the series of .*0.2/uniform/averages.state'
+expect_log 'carries on with the series of .*0.2/uniform/averages.state' "pMax: too few rows, $(calc "int(1.5*$steps/20)")\$"
 # A run that is carried on waits for a result that its function object did not publish before
 sed -i 's/fields (p);/fields (p U);/; s/result max(p)/result max(mag(U))/' system/functions
 control startFrom startTime startTime 0.2
@@ -183,6 +183,11 @@ averages "$still minTime 0.05;"
 sed -i '/^ *Cd2* /d' system/functions
 runs icoFoam
 holds "$(last_time) >= 0.05 && $(last_time) < 0.08" "the end of a run with a value that does not vary and minTime:"
+# The same value counts as often as it is published
+clean_case
+sed -i 's/fields (U);/& writeControl timeStep; writeInterval 2;/' system/functions
+runs icoFoam
+holds "$(last_time) >= 0.05 && $(last_time) < 0.1" "the end of a run with a value that is published seldom and does not vary:"
 control endTime 2.5 writeInterval 0.25
 unset beside
 
