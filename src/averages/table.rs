@@ -185,7 +185,8 @@ fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
         }
         if found.times.last().is_some_and(|last| time <= *last) {
             return Err(format!(
-                "line {}: expected a time later than that of the row before ({}), found {time}; a table has one row for each time",
+                "line {}: expected a time later than that of the row before ({}), found {time}; a table has one row for each time, with as many digits \
+                 as tell steps apart (timePrecision of controlDict)",
                 i + 1,
                 found.times[found.times.len() - 1]
             ));
