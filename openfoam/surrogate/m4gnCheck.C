@@ -54,10 +54,11 @@ Foam::m4gnCheck::m4gnCheck(const fvMesh& mesh, const dictionary& dict)
     report_.set("surrogate", m4gnHybridRun::kinds(dict).first());
     report_.set("cells", returnReduce(mesh.nCells(), sumOp<label>()));
     report_.set("ranks", Pstream::nProcs());
-    report_.set("delta_t", mesh.time().deltaTValue());
-    report_.set("start_time", mesh.time().startTime().value());
+    // Times are added as tokens: set makes a text of a number, of six digits, which may be less than a step
+    report_.add("delta_t", mesh.time().deltaTValue(), true);
+    report_.add("start_time", mesh.time().startTime().value(), true);
     report_.set("adjusts", word(mesh.time().isAdjustTimeStep() ? "yes" : "no"));
-    report_.set("end_time", mesh.time().endTime().value());
+    report_.add("end_time", mesh.time().endTime().value(), true);
     report_.set("memory_before", memory());
     write();
 }
@@ -111,7 +112,7 @@ void Foam::m4gnCheck::made(m4gnState& state, const m4gnCompletion* completion, c
 {
     state_ = completion ? nullptr : &state;
     // States may not be nearer than this
-    report_.set("delta_t", mesh_.time().deltaTValue());
+    report_.add("delta_t", mesh_.time().deltaTValue(), true);
     report_.set(
         "handed_over", texts(completion ? wordHashSet(completion->advanced()).sortedToc() : state.read()));
     report_.set("beside", texts(state.beside()));
@@ -187,7 +188,7 @@ void Foam::m4gnCheck::solved()
     ++steps_;
     after_ += jumped_;
     watch();
-    report_.set("time", time.value());
+    report_.add("time", time.value(), true);
     report_.set("steps", steps_);
     report_.set("steps_after", after_);
     const scalar wall = clock_.elapsed() - made_;

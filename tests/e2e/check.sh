@@ -44,8 +44,9 @@ echo "fits: $(grep suggested ../log.check)"
 cp system/controlDict ../controlDict
 sed -i 's/^application .*/#include "$FOAM_CASE\/solver"/; s/^deltaT .*/deltaT 0.00199999449;/' system/controlDict
 echo 'application icoFoam;' > solver
-check 0 .
+check 0 . --json ../check.json
 says '^dmd: fits'
+python3 -c 'import json; r = json.load(open("../check.json"))["findings"][0]["report"]; assert abs(r["delta_t"] - 0.00199999449) < 1e-15, r'
 rm solver && mv ../controlDict system
 
 # A mesh that fields are mapped to is not one that is solved on
