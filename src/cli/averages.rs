@@ -49,7 +49,7 @@ pub fn run(args: Args) -> Result<()> {
         Error::file(
             &args.table,
             format!(
-                "expected at least 16 rows with values that have a variance, found {} rows{}",
+                "expected at least 16 rows of values whose squares are numbers, found {} rows{}",
                 series.len(),
                 if args.start.is_finite() { format!(" from time {} on", args.start) } else { String::new() }
             ),

@@ -314,7 +314,7 @@ fn figures(campaign: &Campaign, case: &Path, log: &Path) -> Result<(BTreeMap<Str
         };
         let Some((value, half_width)) = found else {
             return Err(Error::Numerical(format!(
-                "{} has no finite figure of {} in {}: the run diverged, or {} published fewer than 16 values; expected a run whose series has a variance. \
+                "{} has no finite figure of {} in {}: the run diverged, or {} published fewer than 16 values; expected a run with more, all of them finite. \
                  With writeControl writeTime a function object publishes once, as a run writes its last state alone: give it writeControl timeStep",
                 log.display(),
                 q.name,
