@@ -111,6 +111,10 @@ void Foam::functionObjects::m4gnAverages::start()
     const functionObjectList& list = time_.functionObjects();
     forAll(list, i) {
         others.append(list[i].name());
+        if (list[i].name() == name()) {
+            const auto* own = isA<functionObjects::timeControl>(list[i]);
+            everyStep_ = !own || own->executeControl().always();
+        }
     }
     for (quantity& q : quantities_) {
         if (!others.found(q.functionObject)) {
@@ -234,11 +238,20 @@ void Foam::functionObjects::m4gnAverages::addRow(const label i, const bool surro
     }
     // A function object that publishes twice in a step may leave its entry where the last one was
     const void* const place = published(q);
-    if (q.seldom && place == q.published && (!q.any || found == q.seen)) {
+    const bool old = place == q.published && (!q.any || found == q.seen);
+    if (old && q.seldom) {
         return;
     }
+    if (old && surrogate) {
+        // What publishes is not executed in jumps
+        q.last = now;
+        return;
+    }
+    // If this is not executed in jumps, what follows one stands for the solver's step alone
+    const bool ofStep = everyStep_ && !q.seldom && !surrogate;
+    const scalar since = ofStep ? min(now - q.last, time_.deltaTValue()) : now - q.last;
     if (Pstream::master()) {
-        m4gn_averages_push(averages_.get(), i, now, found, now - q.last, surrogate);
+        m4gn_averages_push(averages_.get(), i, now, found, since, surrogate);
     }
     q.any = true;
     q.published = place;
@@ -333,7 +346,7 @@ Foam::functionObjects::m4gnAverages::m4gnAverages(
     : stateFunctionObject(name, runTime), averages_(nullptr, m4gn_averages_free), confidence_(0.95),
       minTime_(0), stop_(false), keep_(true), checkInterval_(1), begun_(runTime.startTime().value()),
       last_(max(begun_, runTime.value())), lastCheck_(0), lastState_(-1), started_(false), goesOn_(false),
-      known_(false)
+      known_(false), everyStep_(true)
 {
     read(dict);
     if (postProcess) {

@@ -41,6 +41,17 @@ executes 'executeOthers no;' 20 20
 executes 'executeOthers (transport);' 20 22
 never 'executeOthers of first has the name force, which is no other function object of this run' "$(first 'executeOthers (force);')" "$others"
 never 'executeOthers' "$(first 'executeOthers perhaps;')" "$others"
+# Rows of m4gnAverages are of steps that it and what publishes have seen: a jump that one of both has not is no part of a mean
+for entries in 'executeOthers (averages);' 'executeOthers no;'; do
+    with "$(first "$entries")" "$(drag forces) averages { type m4gnAverages; libs (m4gnAverages); quantities { Cd { functionObject forces; result Cd; } } }"
+    python3 - <<'EOD' || fail "'$entries': rows of m4gnAverages"
+import struct
+data = open("0.06/uniform/averages.state", "rb").read()
+length, _, _, count = struct.unpack_from("<4Q", data, 8)
+weights = [struct.unpack_from("<4d", data, 40 + length + 32*i)[2] for i in range(count)]
+assert count == 20 and max(weights) < 0.0021, weights
+EOD
+done
 executes '' 22 20
 expect_log "not executed at the surrogate's times, since they do more than look: transport "
 
