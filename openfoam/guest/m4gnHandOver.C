@@ -97,8 +97,8 @@ Foam::wordList Foam::m4gn::otherMeshes(const fvMesh& mesh)
 {
     DynamicList<word> others;
     for (const word& name : solvedMeshes(mesh).sortedToc()) {
-        // Those of solids4foam's materials are parts of this one
-        if (name != mesh.name() && !name.ends_with("Subset")) {
+        // Those of solids4foam's materials too: their interface goes on from its last displacement
+        if (name != mesh.name()) {
             others.append(name);
         }
     }
