@@ -25,6 +25,23 @@ bool atTimes(const timeControl& control)
            || control.control() == timeControl::ocOnEnd;
 }
 
+//- Do to both controls of each function object that count times from the run's start
+template <class Action> void eachAtTimes(functionObjectList& list, const Action& action)
+{
+    forAll(list, i) {
+        const auto* controls = isA<functionObjects::timeControl>(list[i]);
+        for (const word what : {"execute", "write"}) {
+            if (controls) {
+                auto& control = const_cast<timeControl&>(
+                    what == "write" ? controls->writeControl() : controls->executeControl());
+                if (atTimes(control) && control.control() != timeControl::ocOnEnd) {
+                    action(control, controls->dict(), word(what + "Interval"));
+                }
+            }
+        }
+    }
+}
+
 //- Execute and write the function object at a state of a jump. One whose
 //  control counts times by deltaT is given no more than the solver's, so that
 //  times up to half a stride ahead are not taken for done; one that tells of
@@ -119,9 +136,28 @@ Foam::scalar Foam::m4gnJump::within() const
 
 void Foam::m4gnJump::carryOnWriting(const scalar from) { writesFrom_ = m4gnClockwork::carryOn(time_, from); }
 
+void Foam::m4gnJump::toNextOfOthers(const scalar deltaT)
+{
+    const scalar start = m4gnClockwork::start(time_);
+    if (writesFrom_ == start) {
+        return;
+    }
+    eachAtTimes(time_.functionObjects(), [&](timeControl& control, dictionary dict, const word& entry) {
+        control.read(dict);
+        const scalar interval = control.interval();
+        const label passed = label((time_.value() - writesFrom_ + 0.5 * deltaT) / interval);
+        const scalar next = writesFrom_ + (passed + 1) * interval;
+        // One interval from the start of Time
+        dict.set(entry, time_.timeToUserTime(next - start));
+        control.clear();
+        control.read(dict);
+    });
+}
+
 void Foam::m4gnJump::beforeFirstStep()
 {
     if (writesFrom_ != m4gnClockwork::start(time_)) {
+        toNextOfOthers(time_.deltaTValue());
         usual_ = m4gnClockwork::toNext(time_, writesFrom_);
     }
 }
@@ -130,6 +166,12 @@ void Foam::m4gnJump::afterFirstStep()
 {
     if (writesFrom_ != m4gnClockwork::start(time_)) {
         m4gnClockwork::countFrom(time_, writesFrom_, usual_);
+        // Those up to here are done
+        eachAtTimes(time_.functionObjects(), [](timeControl& control, const dictionary& dict, const word&) {
+            control.clear();
+            control.read(dict);
+            control.execute();
+        });
     }
 }
 
@@ -165,6 +207,7 @@ void Foam::m4gnJump::advance(const m4gn_ride_answer& answer)
     if (completion_) {
         completion_->beforeStride();
     }
+    toNextOfOthers(last_.solverDeltaT);
     m4gnClockwork::count(time_, answer.solver_steps);
     m4gnClockwork::advance(time_, answer.duration, last_.solverDeltaT, writesFrom_);
     if (completion_) {

@@ -26,7 +26,7 @@ executed() {
     local what=$1 found object
     shift
     for object in before behind; do
-        found=$(awk '!/^#/ { print $1 + 0 }' "postProcessing/$object/0/coefficient.dat" | tr '\n' ' ')
+        found=$(awk '!/^#/ { print $1 + 0 }' "postProcessing/$object"/*/coefficient.dat | tr '\n' ' ')
         [ "$found" = "$* " ] || fail "$what: forces $object at $found, expected $*"
     done
 }
@@ -65,6 +65,7 @@ rm -r 0.04 0.048 0.06 postProcessing
 control startTime 0.03
 solve
 written "carried on in a jump" 0.012 0.03 0.04 0.048 0.06
+executed "carried on in a jump" 0.04 0.048 0.06
 close_to ../whole 1e-10 0.06/U
 
 # So does one with a fit, whose next state may be a time to write within the stride. What others keep is there where a jump begins
