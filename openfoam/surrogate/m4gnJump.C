@@ -42,38 +42,38 @@ template <class Action> void eachAtTimes(functionObjectList& list, const Action&
     }
 }
 
-//- Execute and write the function object at a state of a jump. One whose
+//- Execute or write the function object at a state of a jump. One whose
 //  control counts times by deltaT is given no more than the solver's, so that
 //  times up to half a stride ahead are not taken for done; one that tells of
-//  the solver's step is given that; one that sees each n-th step is executed
+//  the solver's step is given that; one that is due at each n-th step is so
 //  where the stride passes such steps, with the time of these.
-void runAt(functionObject& object, Time& time, const scalar deltaT)
+void runAt(functionObject& object, Time& time, const scalar deltaT, const bool writes)
 {
     const scalar stride = time.deltaTValue();
-    const scalar step = min(deltaT, stride);
     const auto* controls = isA<functionObjects::timeControl>(object);
+    auto* control =
+        controls ? &const_cast<timeControl&>(writes ? controls->writeControl() : controls->executeControl())
+                 : nullptr;
 
-    const bool counts = controls && controls->executeControl().control() == timeControl::ocTimeStep;
-    const label each = counts ? max(label(1), label(controls->executeControl().interval())) : 1;
+    const bool counts = control && control->control() == timeControl::ocTimeStep;
+    const label each = counts ? max(label(1), label(control->interval())) : 1;
     const label steps = max(label(1), label(stride / deltaT + 0.5));
     const label passed = time.timeIndex() / each - (time.timeIndex() - steps) / each;
     const bool courant = m4gnFunctionObjects::typeOf(object, time) == "CourantNo";
     const scalar seen = courant ? deltaT : stride * (scalar(max(label(1), passed)) / steps);
+    // The stride need not end at one
+    const bool within = each > 1 && passed > 0;
 
-    time.setDeltaT(controls && atTimes(controls->executeControl()) ? step : seen, false);
-    if (each > 1 && passed > 0) {
-        // The stride need not end at one
+    time.setDeltaT(control && atTimes(*control) ? min(deltaT, stride) : seen, false);
+    if (within) {
         dictionary here(controls->dict());
-        here.set("executeInterval", label(1));
-        auto& control = const_cast<timeControl&>(controls->executeControl());
-        control.read(here);
-        object.execute();
-        control.read(controls->dict());
-    } else {
-        object.execute();
+        here.set(writes ? "writeInterval" : "executeInterval", label(1));
+        control->read(here);
     }
-    time.setDeltaT(controls && atTimes(controls->writeControl()) ? step : seen, false);
-    object.write();
+    writes ? object.write() : object.execute();
+    if (within) {
+        control->read(controls->dict());
+    }
     time.setDeltaT(stride, false);
 }
 
@@ -100,7 +100,8 @@ void Foam::m4gnJump::executeOthers(const scalar deltaT)
     forAll(list, i) {
         const bool reports = solved || !m4gnFunctionObjects::reportsSolves(list[i], time_);
         if (reports && list[i].name() != name_ && executed.found(list[i].name())) {
-            runAt(list[i], time_, deltaT);
+            runAt(list[i], time_, deltaT, false);
+            runAt(list[i], time_, deltaT, true);
             // OpenFOAM asks it behind a step of the solver alone
             const bool updates = m4gnFunctionObjects::typeOf(list[i], time_) == "timeActivatedFileUpdate";
             filesModified_ = (updates && list[i].filesModified()) || filesModified_;

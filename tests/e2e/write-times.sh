@@ -4,7 +4,11 @@
 make_case case
 
 # The solver to 0.02 in steps of 0.002, two strides of 0.01 to 0.04, the solver again
-table() { drag "$1" "executeControl $2; executeInterval $3; writeControl $2; writeInterval $3;"; }
+# One that has its rows when it is executed, and one that has them when it is written
+table() {
+    drag "$1" "executeControl $2; executeInterval $3; writeControl $2; writeInterval $3;"
+    echo "$1Extrema { type fieldMinMax; libs (fieldFunctionObjects); fields (p); log no; writeControl $2; writeInterval $3; }"
+}
 # case_with CONTROL INTERVAL END
 case_with() {
     clean_case
@@ -21,13 +25,13 @@ written() {
     found=$(find . -maxdepth 1 -name '0.*' -printf '%f\n' | sort | tr '\n' ' ')
     [ "$found" = "$* " ] || fail "$what: fields at $found, expected $*"
 }
-# executed WHAT TIMES...: both function objects at these times
+# executed WHAT TIMES...: all function objects at these times
 executed() {
-    local what=$1 found object
+    local what=$1 found table
     shift
-    for object in before behind; do
-        found=$(awk '!/^#/ { print $1 + 0 }' "postProcessing/$object"/*/coefficient.dat | tr '\n' ' ')
-        [ "$found" = "$* " ] || fail "$what: forces $object at $found, expected $*"
+    for table in postProcessing/{before,behind}{/*/coefficient,Extrema/*/fieldMinMax}.dat; do
+        found=$(awk '!/^#/ { print $1 + 0 }' "$table" | tr '\n' ' ')
+        [ "$found" = "$* " ] || fail "$what: $table has $found, expected $*"
     done
 }
 both() { written "$@" && executed "$@"; }
