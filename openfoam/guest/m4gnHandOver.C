@@ -45,6 +45,20 @@ bool isForAWhile(const dictionary& dict, const Time& time)
     return begin >= 0 && begin < to && end > from && (begin > from || end < to);
 }
 
+//- Names that function objects of a type have in an entry
+wordList namedBy(const Time& time, const word& type, const word& key, const word& usual)
+{
+    DynamicList<word> names;
+    if (const dictionary* functions = time.controlDict().findDict("functions")) {
+        for (const entry& e : *functions) {
+            if (e.isDict() && e.dict().getOrDefault<word>("type", word::null) == type) {
+                names.append(e.dict().getOrDefault<word>(key, usual));
+            }
+        }
+    }
+    return wordList(names);
+}
+
 //- Meshes on which somebody solves, this one among them
 wordHashSet solvedMeshes(const fvMesh& mesh)
 {
@@ -52,14 +66,19 @@ wordHashSet solvedMeshes(const fvMesh& mesh)
     // That of solids4foam's vertex-centred models has no state of its own, but for the history of laws
     meshes.erase("dualMesh");
     // Nobody solves on a mesh that fields are mapped to
-    if (const dictionary* functions = mesh.time().controlDict().findDict("functions")) {
-        for (const entry& e : *functions) {
-            if (e.isDict() && e.dict().getOrDefault<word>("type", word::null) == "mapFields") {
-                meshes.erase(e.dict().getOrDefault<word>("mapRegion", word::null));
-            }
-        }
-    }
+    meshes -= wordHashSet(namedBy(mesh.time(), "mapFields", "mapRegion", word::null));
     return meshes;
+}
+
+//- Particles that the solver moves, for people; empty: there are none. Those of a function object are its business.
+string particles(const fvMesh& mesh)
+{
+    wordHashSet clouds(mesh.names<cloud>());
+    const word usual("kinematicCloud");
+    clouds -= wordHashSet(namedBy(mesh.time(), "icoUncoupledKinematicCloud", usual, usual));
+    const word names(m4gn::join(clouds.sortedToc()));
+
+    return clouds.empty() ? string() : string("particles go with the flow (" + names + ')');
 }
 
 } // End anonymous namespace
@@ -67,8 +86,12 @@ wordHashSet solvedMeshes(const fvMesh& mesh)
 Foam::string Foam::m4gn::notHandedOver(
     const fvMesh& mesh, const word& UName, const word& pName, const word& phiName)
 {
-    OStringStream why;
+    const string moved(particles(mesh));
+    if (moved.size()) {
+        return moved;
+    }
 
+    OStringStream why;
     const auto* U = mesh.findObject<volVectorField>(UName);
     const auto* phi = mesh.findObject<surfaceScalarField>(phiName);
     if (U && phi && phi->dimensions() != U->dimensions() * dimArea) {
@@ -124,10 +147,9 @@ Foam::string Foam::m4gn::unsupported(const fvMesh& mesh)
             return why.str();
         }
     }
-    const wordList clouds(mesh.sortedNames<cloud>());
-    if (clouds.size()) {
-        why << "particles go with the flow (" << join(clouds).c_str() << ")";
-        return why.str();
+    const string moved(particles(mesh));
+    if (moved.size()) {
+        return moved;
     }
     for (const word& name : mesh.sortedNames<volScalarField>()) {
         if (name.starts_with("alpha.")) {

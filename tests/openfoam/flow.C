@@ -5,6 +5,7 @@
 #include "m4gnFluxProjection.H"
 #include "m4gnHandOver.H"
 #include "m4gnCompletion.H"
+#include "cloud.H"
 #include "fvcDiv.H"
 #include "IOMRFZoneList.H"
 #include "OSspecific.H"
@@ -142,6 +143,20 @@ TEST(aFlowOfAConstantDensityIsHandedOver)
     // interFoam
     c.p->dimensions().reset(dimPressure);
     EXPECT(m4gn::notHandedOver(*c.mesh, "U", "p", "phi").find("the pressure p is not divided") == 0);
+}
+
+TEST(particlesThatTheSolverMovesAreNotHandedOver)
+{
+    channel c(2, 1, "fixedValue");
+    const cloud sparks(*c.mesh, "sparks");
+    EXPECT_TEXT(m4gn::notHandedOver(*c.mesh, "U", "p", "phi"), "particles go with the flow (sparks)");
+    EXPECT_TEXT(m4gn::unsupported(*c.mesh), "particles go with the flow (sparks)");
+
+    // Those of a function object wait, or are moved in jumps, as executeOthers says
+    const_cast<dictionary&>(c.run.time().controlDict())
+        .set("functions", dict("drift { type icoUncoupledKinematicCloud; kinematicCloud sparks; }"));
+    EXPECT_TEXT(m4gn::notHandedOver(*c.mesh, "U", "p", "phi"), "");
+    EXPECT_TEXT(m4gn::unsupported(*c.mesh), "");
 }
 
 TEST(aComputedPressureIsNotHandedOver)
