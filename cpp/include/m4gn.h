@@ -591,7 +591,8 @@ enum
 const char* m4gn_ride_text(m4gn_ride* ride, int32_t kind);
 
 /* Of the fit that a surrogate has in use, in an array that it advances, [components*n]: what does not oscillate now (part 0), what a wave, from 0,
- * the largest first, adds (1), and a quarter of its period before (2). M4GN_ERROR_INPUT: there is no such wave. */
+ * the largest first, adds (1), and a quarter of its period before (2); of wave 0 the root mean square of what all waves add (3).
+ * M4GN_ERROR_INPUT: there is no such wave. */
 int32_t m4gn_ride_wave(
     const m4gn_ride* ride, int32_t surrogate, int32_t wave, int32_t part, int32_t array, double* values);
 

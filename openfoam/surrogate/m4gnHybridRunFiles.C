@@ -208,8 +208,8 @@ void Foam::m4gnHybridRun::writeParts(const label surrogatei, const label nWaves)
         }
         for (label wavei = 0; wavei < nWaves; ++wavei) {
             const std::string wave("mode" + std::to_string(wavei + 1));
-            const word names[] = {"modeMean", wave + "Real", wave + "Imaginary"};
-            for (label part = wavei ? 1 : 0; part < 3; ++part) {
+            const word names[] = {"modeMean", wave + "Real", wave + "Imaginary", "modeRms"};
+            for (label part = wavei ? 1 : 0; part < (wavei ? 3 : 4); ++part) {
                 write(names[part], "m4gn: of the fit in use", [&](double* to) {
                     return m4gn_ride_wave(ride_, surrogatei, wavei, part, arrayi, to);
                 });

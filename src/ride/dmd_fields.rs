@@ -49,8 +49,12 @@ impl DmdSurrogate {
     }
 
     /// In an array of the state what does not oscillate now (`part` 0), what a wave, from 0, the largest first, adds (1), and a quarter of its
-    /// period before (2); of an array that stays above a floor the sum of both does. None: there is no such wave.
+    /// period before (2), and of wave 0 the root mean square of all waves (3); of an array that stays above a floor the sum of both does. None:
+    /// there is no such wave.
     pub(crate) fn wave(&self, wave: usize, part: usize, array: usize) -> Option<Vec<f64>> {
+        if (wave, part) == (0, 3) {
+            return self.rms(array);
+        }
         let mode = self.online.modes().into_iter().filter(|m| m.frequency > 0.0).nth(wave)?;
         let states = self.online.mode(mode.number, self.now.offset + self.now.ahead)?;
         let values = |state: &Combination| {
@@ -63,5 +67,15 @@ impl DmdSurrogate {
             found.iter_mut().zip(&still).for_each(|(v, s)| *v -= s);
         }
         Some(found)
+    }
+
+    /// The root mean square of what all waves add, each over its own period and as large as it is now.
+    fn rms(&self, array: usize) -> Option<Vec<f64>> {
+        let waves = (0..).map_while(|wave| self.wave(wave, 1, array).zip(self.wave(wave, 2, array)));
+        let squares = waves.map(|(real, imaginary)| {
+            real.iter().zip(&imaginary).map(|(r, i)| 0.5 * (r * r + i * i)).collect::<Vec<f64>>()
+        });
+        let sum = squares.reduce(|all, one| all.iter().zip(&one).map(|(a, b)| a + b).collect())?;
+        Some(sum.into_iter().map(f64::sqrt).collect())
     }
 }

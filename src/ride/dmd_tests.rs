@@ -311,7 +311,11 @@ fn the_largest_wave_of_a_fit_is_most_of_the_state() {
     let now = solver(host.time, 1e9);
     let with: Vec<f64> = mean.iter().zip(&wave).map(|(m, w)| m + w).collect();
     assert!(largest(&with, &now) < 0.6 * largest(&mean, &now), "{with:?} {mean:?} {now:?}");
-    assert!(host.ride.wave(0, 99, 1, 0).is_none() && host.ride.wave(0, 0, 3, 0).is_none());
+    assert!(host.ride.wave(0, 99, 1, 0).is_none() && host.ride.wave(0, 0, 4, 0).is_none());
+    // In each cell that of sin and 0.3 cos
+    let rms = host.ride.wave(0, 0, 3, 0).unwrap();
+    assert!(largest(&rms, &[0.545f64.sqrt(); CELLS]) < 0.01, "{rms:?}");
+    assert!(host.ride.wave(0, 1, 3, 0).is_none());
 }
 
 #[test]

@@ -273,7 +273,8 @@ impl Ride<'_> {
     }
 
     /// Of the fit that a surrogate has in use, in an array that it advances: what does not oscillate now (`part` 0), what a wave, from 0, the
-    /// largest first, adds (1), and a quarter of its period before (2). None: there is no such wave. Not collective.
+    /// largest first, adds (1), and a quarter of its period before (2), and of wave 0 the root mean square of all waves (3). None: there is no
+    /// such wave. Not collective.
     pub fn wave(&self, surrogate: usize, wave: usize, part: usize, array: usize) -> Option<Vec<f64>> {
         let surrogate = &self.candidates.get(surrogate)?.surrogate;
         let advances = surrogate.describe().advances.contains(&array);

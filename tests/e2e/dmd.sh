@@ -49,11 +49,13 @@ def field(name):
     text = open(f"{sys.argv[1]}/{name}").read()
     inner = text[text.index("internalField"):text.index("boundaryField")]
     return [float(x) for values in re.findall(r"\(([^()]+)\)", inner) for x in values.split()]
-u, mean, real = map(field, ("U", "modeMean(U)", "mode1Real(U)"))
+u, mean, real, rms = map(field, ("U", "modeMean(U)", "mode1Real(U)", "modeRms(U)"))
 square = lambda values: sum(x*x for x in values)
 with_wave, alone = square([a - b - c for a, b, c in zip(u, mean, real)]), square([a - b for a, b in zip(u, mean)])
 print(f"largest wave: {with_wave/alone:.3g} of what the flow varies by are left")
 assert len(u) == len(real) > 1000 and with_wave < 0.3*alone
+# A wake travels: over all cells it is at each time as large as over its period
+assert 0.4*alone < square(rms) < 4*alone, square(rms)/alone
 EOD
 # Over what the wake changes
 for folder in plain/4 plain/2 whole/4 whole/3.25; do
