@@ -2,7 +2,7 @@
 # Rows of the README's table of results, by their own command on one draw. Sourced.
 . "$(dirname "${BASH_SOURCE[0]}")/../e2e/_follow.sh"
 
-# hybrid OPTIONS...: 'm4gn hybrid' of one draw, without cheaper plain solvers; a second one goes on with the runs of the first
+# hybrid OPTIONS...: 'm4gn hybrid' of one draw, without cheaper plain solvers but those given; a second one goes on with the runs of the first
 hybrid() { runs m4gn hybrid --count 1 --baseline none --keep-cases --out hybrid --json hybrid.json "$@"; }
 
 # figure VARIANT FIGURE: median of a figure of the variant's runs
