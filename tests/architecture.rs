@@ -111,7 +111,7 @@ fn what_differs_from_the_table_of_src_is_named() {
     assert_eq!(found("mesh", renamed), ["models is not in the table", "model has no folder"]);
 }
 
-/// `libm4gn.so` is loaded by solvers: it has no charts, pages, progress bars or configuration files.
+/// `libm4gn.so` is loaded by solvers: it has no charts, pages, progress bars or configuration files, and PETSc is in a library beside it.
 #[test]
 fn what_the_solver_loads_draws_nothing() {
     let rooms = crates();
@@ -121,7 +121,7 @@ fn what_the_solver_loads_draws_nothing() {
     }
     for room in &inside {
         assert!(
-            !["report", "train", "workbench", "cli"].contains(&&room[..]),
+            !["report", "slepc", "train", "workbench", "cli"].contains(&&room[..]),
             "{room} is a part of libm4gn.so"
         );
         for name in ["indicatif", "plotters", "png", "toml", "clap"] {
@@ -129,6 +129,42 @@ fn what_the_solver_loads_draws_nothing() {
             assert!(!found, "{room} has {name} and is a part of libm4gn.so");
         }
     }
+}
+
+/// The Rust files below a folder.
+fn sources(folder: &Path) -> Vec<PathBuf> {
+    let below = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    below
+        .flat_map(|path| if path.is_dir() { sources(&path) } else { vec![path] })
+        .filter(|path| path.extension().is_some_and(|end| end == "rs"))
+        .collect()
+}
+
+/// The lints of the workspace deny `unsafe` but where a module allows it.
+#[test]
+fn unsafe_code_is_allowed_where_the_architecture_says() {
+    let text = read("ARCHITECTURE.md");
+    let item = between(&text, "\n8. `unsafe` occurs in ", "\n9. ");
+    let paths = item.split('`').skip(1).step_by(2);
+    let named = paths.flat_map(|path| match path.split_once('{') {
+        Some((before, rest)) => {
+            let (words, after) = rest.split_once('}').expect(path);
+            words.split(',').map(|word| format!("{before}{word}{after}")).collect()
+        }
+        None => vec![path.to_owned()],
+    });
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let allowed = sources(&root.join("src")).into_iter().filter(|path| {
+        let text = fs::read_to_string(path).unwrap();
+        text.contains("allow(unsafe_code")
+    });
+    let places = allowed.map(|path| {
+        let path = path.strip_prefix(&root).unwrap();
+        let whole = path.ends_with("lib.rs") || path.ends_with("mod.rs");
+        let place = if whole { path.parent().unwrap() } else { path };
+        place.to_str().unwrap().to_owned()
+    });
+    assert_eq!(places.collect::<BTreeSet<_>>(), named.collect::<BTreeSet<_>>());
 }
 
 /// The folders of openfoam/, and that of the bridge.
