@@ -152,6 +152,17 @@ runs m4gn campaign run --store study --anew --shard 2/2
 runs m4gn campaign report --store study
 expect_log '5 of 5 runs'
 
+# The how-to's Snakefile: its names are those of the runs, and Snakemake makes the one that is missing
+awk '/`Snakefile`/ { on = 1 } /^\[foamlib/ { on = 0 } on && sub(/^    /, "")' "$M4GN_HOME/docs/how-to/run-a-campaign.md" > study/Snakefile
+(cd study && python3 -c "$(head -n 1 Snakefile); assert names == ['r01', 'r02', 'r03', 'r04'], names") || fail "the Snakefile has other runs"
+if command -v snakemake > log.which; then
+    kept=$(done_of study)
+    rm study/runs/r04/done
+    (cd study && snakemake --cores 1) > log.snakemake 2>&1 || { cat log.snakemake; fail "Snakemake failed"; }
+    [ -s study/runs/r04/done ] || fail "Snakemake has not made r04"
+    [ "$(done_of study | grep -v r04)" = "$(grep -v r04 <<< "$kept")" ] || fail "Snakemake made more than r04"
+fi
+
 # Two at once: each run is made once
 rm -rf study/runs study/checks
 m4gn campaign run --store study > log.first 2>&1 & first=$!
