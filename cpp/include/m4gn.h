@@ -9,6 +9,7 @@
  *
  * Status: 0 fine; > 0 the call failed and the object is as it was (bad input, file); < 0 the object must only
  * be freed. m4gn_last_error() then says what was expected, what was found, where, and what to do.
+ * What is called m4gn_OBJECT_n_... gives a count, or -1 after an error.
  * Calls marked "collective" are made by every rank of the communicator; they return the same class of
  * status on all ranks, so that no rank waits for another that has left. All settings must be the same on all ranks,
  * the file's name of a path included, but not what belongs to a rank alone: its arrays, threads and device. A rank that
@@ -28,7 +29,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 17
+#define M4GN_ABI_VERSION 18
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -240,8 +241,8 @@ int32_t m4gn_model_open(int32_t comm, const char* path, m4gn_model** model);
 void m4gn_model_free(m4gn_model* model);
 
 /* How many modes of the elastic body the mesh must have for this model's segments; 0: none, they are of the Laplacian's or of no
- * modes. Negative after an error. */
-int32_t m4gn_model_elastic_modes(const m4gn_model* model);
+ * modes. */
+int32_t m4gn_model_n_elastic_modes(const m4gn_model* model);
 
 typedef struct m4gn_session m4gn_session;
 
@@ -638,7 +639,7 @@ int32_t m4gn_segments_fit(
     int32_t why_size);
 
 /* Segments K. */
-int32_t m4gn_segments_count(const m4gn_segments* segments);
+int32_t m4gn_segments_n_segments(const m4gn_segments* segments);
 
 /* Segment of each of this rank's cells [n_cells], 0 to K-1. */
 int32_t m4gn_segments_cells(const m4gn_segments* segments, int32_t* cell_segment);
@@ -707,7 +708,7 @@ int32_t m4gn_modes_new(
 void m4gn_modes_free(m4gn_modes* modes);
 
 /* Number of modes found. */
-int32_t m4gn_modes_count(const m4gn_modes* modes);
+int32_t m4gn_modes_n_modes(const m4gn_modes* modes);
 
 /* Eigenvalues [count], ascending. */
 int32_t m4gn_modes_eigenvalues(const m4gn_modes* modes, double* eigenvalues);

@@ -106,7 +106,7 @@ public:
     // Modes of the elastic body that the mesh must have for the model's segments.
     int32_t elasticModes() const
     {
-        const int32_t count = m4gn_model_elastic_modes(model_.get());
+        const int32_t count = m4gn_model_n_elastic_modes(model_.get());
         if (count < 0) {
             throw Error(M4GN_ERROR_MODEL, m4gn_last_error());
         }
@@ -189,7 +189,7 @@ public:
     {}
 
     // Segments K.
-    int32_t count() const { return m4gn_segments_count(segments_.get()); }
+    int32_t count() const { return m4gn_segments_n_segments(segments_.get()); }
 
     // Segment of each of this rank's nCells cells.
     std::vector<int32_t> cells(std::size_t nCells) const
@@ -262,7 +262,7 @@ public:
               [&](m4gn_modes** made) { return m4gn_solid_modes_new(comm, &body, options.c_str(), made); }))
     {}
 
-    int32_t size() const { return m4gn_modes_count(modes_.get()); }
+    int32_t size() const { return m4gn_modes_n_modes(modes_.get()); }
 
     // Ascending.
     std::vector<double> eigenvalues() const

@@ -97,7 +97,7 @@ Foam::m4gnModel::~m4gnModel() { m4gn_model_free(model_); }
 
 Foam::label Foam::m4gnModel::elasticModes() const
 {
-    const int32_t count = m4gn_model_elastic_modes(model_);
+    const int32_t count = m4gn_model_n_elastic_modes(model_);
     if (count < 0) {
         m4gn::check(M4GN_ERROR_MODEL, "The model cannot be used");
     }

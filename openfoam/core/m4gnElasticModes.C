@@ -73,7 +73,7 @@ Foam::m4gnElasticModes::m4gnElasticModes(const fvMesh& mesh, const dictionary& d
         " (operator laplacian does without)");
     const std::unique_ptr<m4gn_modes, void (*)(m4gn_modes*)> modes(raw, m4gn_modes_free);
 
-    const label n = m4gn_modes_count(raw);
+    const label n = m4gn_modes_n_modes(raw);
     eigenvalues_.resize(n);
     m4gn::check(m4gn_modes_eigenvalues(raw, eigenvalues_.data()), "m4gn");
 

@@ -59,7 +59,7 @@ void Foam::m4gnSegmentation::compute(const m4gnModel* model, const dictionary& d
             computed() ? nullptr : m4gn::labels(cells_), &segments_),
         "The segments cannot be computed");
 
-    count_ = m4gn_segments_count(segments_);
+    count_ = m4gn_segments_n_segments(segments_);
     cells_.resize(mesh_.nCells());
     m4gn::check(m4gn_segments_cells(segments_, cells_.data()), "The segments cannot be computed");
 }

@@ -71,7 +71,7 @@ exports! {
     }
 
     /// Elastic modes that the mesh must have for a model; -1 for null.
-    fn m4gn_model_elastic_modes(model: *const ModelHandle) -> i32, or guard::no_count; {
+    fn m4gn_model_n_elastic_modes(model: *const ModelHandle) -> i32, or guard::no_count; {
         // SAFETY: a model of ours, or null.
         elastic_modes(&unsafe { pointers::reference("model", model)? }.model)
     }

@@ -167,7 +167,7 @@ exports! {
     }
 
     /// Modes found; -1 for null.
-    fn m4gn_modes_count(modes: *const ModesHandle) -> i32, or guard::no_count; {
+    fn m4gn_modes_n_modes(modes: *const ModesHandle) -> i32, or guard::no_count; {
         // SAFETY: modes of ours, or null.
         Ok(unsafe { pointers::reference("modes", modes)? }.modes.eigenvalues.len() as i32)
     }

@@ -182,7 +182,7 @@ exports! {
     }
 
     /// Number of segments; -1 for null.
-    fn m4gn_segments_count(segments: *const SegmentsHandle) -> i32, or no_count; {
+    fn m4gn_segments_n_segments(segments: *const SegmentsHandle) -> i32, or no_count; {
         // SAFETY: segments of ours, or null.
         Ok(unsafe { pointers::reference("segments", segments)? }.segmentation.count as i32)
     }

@@ -90,7 +90,7 @@ fn null_handles_and_pointers_are_errors() {
         assert_eq!(model::m4gn_model_open(i32::MIN, c"/nowhere".as_ptr(), null_mut()), 1);
         assert_eq!(model::m4gn_model_open(i32::MIN, c"/nowhere".as_ptr(), &mut model), 2);
         assert!(model.is_null());
-        assert_eq!(model::m4gn_model_elastic_modes(model), -1);
+        assert_eq!(model::m4gn_model_n_elastic_modes(model), -1);
         model::m4gn_model_free(model);
         let mut handle = std::ptr::null_mut();
         assert_eq!(session::m4gn_session_new(i32::MIN, null(), null(), null(), null(), &mut handle), 1);

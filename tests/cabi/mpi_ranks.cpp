@@ -107,7 +107,7 @@ void wrongMatrices(int rank, int size, int32_t comm)
     REQUIRE(m4gn::Modes(comm, good.csr, nullptr, none).size() == 6);
 
     double value = 0;
-    REQUIRE(m4gn_modes_count(nullptr) == -1);
+    REQUIRE(m4gn_modes_n_modes(nullptr) == -1);
     REQUIRE(m4gn_modes_vector(nullptr, 0, &value) == M4GN_ERROR_INPUT);
     m4gn_modes_free(nullptr);
 }
@@ -169,7 +169,7 @@ void wrongSegments(int rank, int size, int32_t comm, const Channel& part)
     });
     REQUIRE(differing == (size > 1 ? M4GN_ERROR_INPUT : M4GN_OK));
     REQUIRE(size == 1 || (contains(message, "segments.count 3") && contains(message, "segments.count 4")));
-    REQUIRE(m4gn_segments_count(nullptr) == -1);
+    REQUIRE(m4gn_segments_n_segments(nullptr) == -1);
     m4gn_segments_free(nullptr);
 }
 

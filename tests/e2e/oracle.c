@@ -138,7 +138,7 @@ int32_t m4gn_solid_modes_new(
     return M4GN_OK;
 }
 void m4gn_modes_free(m4gn_modes* modes) {}
-int32_t m4gn_modes_count(const m4gn_modes* modes) { return 0; }
+int32_t m4gn_modes_n_modes(const m4gn_modes* modes) { return 0; }
 int32_t m4gn_modes_eigenvalues(const m4gn_modes* modes, double* values) { return M4GN_OK; }
 /* The model is the recording: nothing of a file is read. */
 int32_t m4gn_model_open(int32_t comm, const char* path, m4gn_model** model)
@@ -147,7 +147,7 @@ int32_t m4gn_model_open(int32_t comm, const char* path, m4gn_model** model)
     return M4GN_OK;
 }
 void m4gn_model_free(m4gn_model* model) {}
-int32_t m4gn_model_elastic_modes(const m4gn_model* model) { return 0; }
+int32_t m4gn_model_n_elastic_modes(const m4gn_model* model) { return 0; }
 
 int32_t m4gn_options_check(const char* kind, const char* options)
 {

@@ -182,7 +182,7 @@ unsafe fn found(status: i32, modes: *mut ModesHandle) {
     // SAFETY: null, or modes that are freed once.
     unsafe {
         if status == 0 {
-            let mut values = vec![0.0; m4gn_modes_count(modes) as usize];
+            let mut values = vec![0.0; m4gn_modes_n_modes(modes) as usize];
             m4gn_modes_eigenvalues(modes, values.as_mut_ptr());
             assert!(values.iter().all(|v| v.is_finite()), "eigenvalues {values:?}");
         }
