@@ -84,6 +84,14 @@ fn links_lead_to_files_and_headings() {
     assert!(dead.is_empty(), "links that lead nowhere: {dead:#?}");
 }
 
+/// Lab notes are dated, and no task rests on one.
+#[test]
+fn no_task_leads_to_the_lab() {
+    let pages = files(&["docs/tutorials", "docs/how-to"], &["md"]);
+    let found: Vec<_> = pages.iter().filter(|page| read(page).contains("](../lab/")).collect();
+    assert!(found.is_empty(), "tasks that link to lab notes: {found:?}");
+}
+
 #[test]
 fn pages_that_messages_and_comments_name_are_there() {
     let endings = ["rs", "C", "H", "h", "hpp", "cpp", "sh", "toml", "py", "md", "cu"];
