@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// m4gn.h for C++ (14 and later): objects that free themselves, errors as exceptions. Header only.
+// Models, sessions and rides of m4gn.h for C++ (14 and later): objects that free themselves, errors as exceptions. Header only.
 
 #ifndef M4GN_HPP
 #define M4GN_HPP
@@ -56,9 +56,6 @@ struct Free
 {
     void operator()(m4gn_model* model) const noexcept { m4gn_model_free(model); }
     void operator()(m4gn_session* session) const noexcept { m4gn_session_free(session); }
-    void operator()(m4gn_segments* segments) const noexcept { m4gn_segments_free(segments); }
-    void operator()(m4gn_modes* modes) const noexcept { m4gn_modes_free(modes); }
-    void operator()(m4gn_recorder* recorder) const noexcept { m4gn_recorder_free(recorder); }
     void operator()(m4gn_ride* ride) const noexcept { m4gn_ride_free(ride); }
 };
 
@@ -79,19 +76,6 @@ template <class Type, class Call> Handle<Type> made(const Call& call)
 inline void checkOptions(const std::string& kind, const std::string& options)
 {
     check(m4gn_options_check(kind.c_str(), options.c_str()));
-}
-
-// A text as JSON has it, quotes included.
-inline std::string quoted(const std::string& text)
-{
-    std::string result("\"");
-    for (const char c : text) {
-        if (c == '"' || c == '\\') {
-            result += '\\';
-        }
-        result += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
-    }
-    return result + '"';
 }
 
 // A model file, read once. Made by all ranks together.
@@ -172,152 +156,6 @@ public:
 
 private:
     detail::Handle<m4gn_session> session_;
-};
-
-// Segments of a mesh, of a model's segmentation or of the default one. Made by all ranks together.
-class Segments
-{
-public:
-    // options: a JSON object, {"segments": {"count": 36}, ...}. cellSegment may be null: computed; so may model: the default.
-    Segments(
-        int32_t comm, const m4gn_mesh_data& mesh, const std::string& options = "{}",
-        const int32_t* cellSegment = nullptr, const Model* model = nullptr)
-        : segments_(detail::made<m4gn_segments>([&](m4gn_segments** made) {
-              return m4gn_segments_new(
-                  comm, &mesh, model ? model->get() : nullptr, options.c_str(), cellSegment, made);
-          }))
-    {}
-
-    // Segments K.
-    int32_t count() const { return m4gn_segments_n_segments(segments_.get()); }
-
-    // Segment of each of this rank's nCells cells.
-    std::vector<int32_t> cells(std::size_t nCells) const
-    {
-        std::vector<int32_t> cellSegment(nCells);
-        check(m4gn_segments_cells(segments_.get(), cellSegment.data()));
-        return cellSegment;
-    }
-
-    // Nodes of each segment, and edges between them (K*K), over all ranks.
-    void graph(std::vector<double>& sizes, std::vector<double>& adjacency) const
-    {
-        const auto k = static_cast<std::size_t>(count());
-        sizes.resize(k);
-        adjacency.resize(k * k);
-        check(m4gn_segments_graph(segments_.get(), sizes.data(), adjacency.data()));
-    }
-
-    int32_t nModes() const { return m4gn_segments_n_modes(segments_.get()); }
-
-    // Eigenvalue of mode i (1/m^2), and its values in this rank's nCells cells.
-    double mode(int32_t i, std::size_t nCells, std::vector<double>& cells) const
-    {
-        double eigenvalue = 0;
-        cells.resize(nCells);
-        check(m4gn_segments_mode(segments_.get(), i, &eigenvalue, cells.data()));
-        return eigenvalue;
-    }
-
-    // The rank of each segment. rankWeights may be empty: equal.
-    static std::vector<int32_t> ranks(
-        const std::vector<double>& sizes, const std::vector<double>& adjacency, int32_t nRanks,
-        const std::vector<double>& rankWeights = {}, m4gn_rank_report* report = nullptr)
-    {
-        const std::size_t k = sizes.size(), n = rankWeights.size();
-        if (adjacency.size() != k * k || (n && n != static_cast<std::size_t>(nRanks))) {
-            throw Error(
-                M4GN_ERROR_INPUT,
-                "ranks: expected adjacency of K*K numbers, and a weight of each rank or none");
-        }
-        std::vector<int32_t> rank(k);
-        check(m4gn_segment_ranks(
-            static_cast<int32_t>(k), sizes.data(), adjacency.data(), nRanks, n ? rankWeights.data() : nullptr,
-            rank.data(), report));
-        return rank;
-    }
-
-private:
-    detail::Handle<m4gn_segments> segments_;
-};
-
-// Modes of a solver's own pair of matrices. Made by all ranks together.
-class Modes
-{
-public:
-    // mass: NULL is the identity. options: a JSON object, {"modes": 6, ...}. positions may be null.
-    Modes(
-        int32_t comm, const m4gn_csr& stiffness, const m4gn_csr* mass, const std::string& options = "{}",
-        const double* positions = nullptr)
-        : nRows_(static_cast<std::size_t>(stiffness.n_rows)),
-          modes_(detail::made<m4gn_modes>([&](m4gn_modes** made) {
-              return m4gn_modes_new(comm, &stiffness, mass, options.c_str(), positions, made);
-          }))
-    {}
-
-    // Of an elastic body: each vector has the displacement (x, y, z) of each of this rank's points.
-    Modes(int32_t comm, const m4gn_solid& body, const std::string& options = "{}")
-        : nRows_(3 * static_cast<std::size_t>(body.n_points)),
-          modes_(detail::made<m4gn_modes>(
-              [&](m4gn_modes** made) { return m4gn_solid_modes_new(comm, &body, options.c_str(), made); }))
-    {}
-
-    int32_t size() const { return m4gn_modes_n_modes(modes_.get()); }
-
-    // Ascending.
-    std::vector<double> eigenvalues() const
-    {
-        std::vector<double> values(static_cast<std::size_t>(size()));
-        check(m4gn_modes_eigenvalues(modes_.get(), values.data()));
-        return values;
-    }
-
-    // One mode, this rank's rows.
-    std::vector<double> vector(int32_t index) const
-    {
-        std::vector<double> values(nRows_);
-        check(m4gn_modes_vector(modes_.get(), index, values.data()));
-        return values;
-    }
-
-private:
-    std::size_t nRows_;
-    detail::Handle<m4gn_modes> modes_;
-};
-
-// A trajectory being recorded. Made and destroyed by all ranks together; without finish() nothing is left behind.
-class Recorder
-{
-public:
-    // options: a JSON object, {"path": "run.h5", ...}.
-    Recorder(
-        int32_t comm, const m4gn_mesh_data& mesh, const std::string& options,
-        const std::vector<m4gn_field_info>& fields)
-        : nFields_(fields.size()), recorder_(detail::made<m4gn_recorder>([&](m4gn_recorder** made) {
-              return m4gn_recorder_new(
-                  comm, &mesh, options.c_str(), fields.data(), static_cast<int32_t>(fields.size()), made);
-          }))
-    {}
-
-    // Appends a frame: cells and boundary faces of each field. Collective.
-    void append(
-        double time, const std::vector<const double*>& cells, const std::vector<const double*>& boundary)
-    {
-        if (cells.size() != nFields_ || boundary.size() != nFields_) {
-            throw Error(
-                M4GN_ERROR_INPUT, "append: expected lists of " + std::to_string(nFields_) + " fields");
-        }
-        check(m4gn_recorder_append(recorder_.get(), time, cells.data(), boundary.data()));
-    }
-
-    int64_t nFrames() const { return m4gn_recorder_n_frames(recorder_.get()); }
-
-    // Completes the file and gives it its final name. Collective.
-    void finish() { check(m4gn_recorder_finish(recorder_.get())); }
-
-private:
-    std::size_t nFields_;
-    detail::Handle<m4gn_recorder> recorder_;
 };
 
 // The arrays of a solver's state on this rank: described once, read and written where the solver has them.
