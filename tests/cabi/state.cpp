@@ -1,5 +1,5 @@
 // The state of a hybrid run through the C ABI: what crosses for a surrogate of the host's own and for a fit of the run's own states, and
-// arrays that are no state.
+// arrays and calls that are refused. Whole runs of a network, controlled and carried on, are those of examples/hybrid_host.
 
 #include "mesh.hpp"
 
@@ -254,6 +254,59 @@ void refusesArrays()
     REQUIRE(with([](Arrays& a) { a[0].role = M4GN_CARRIED; }, dmd) == M4GN_ERROR_INPUT);
 }
 
+// Surrogates that the settings do not name, places that there are not, calls that are not due; the ride can be used afterwards.
+void refusesCalls()
+{
+    Channel mesh(6, 4);
+    Fields fields(mesh);
+    m4gn::Session session(M4GN_NO_MPI, mesh.data, m4gn::Model(M4GN_NO_MPI, model));
+    const m4gn::State state = fields.state(mesh);
+    const auto& arrays = state.arrays();
+    const m4gn_ride_step start = at(0), first = at(1);
+    const auto refused = [&](m4gn_session* of, const m4gn_surrogate* own, const char* options,
+                             const char* why) {
+        const m4gn_host host{of,      own,    &mesh.data, arrays.data(), static_cast<int32_t>(arrays.size()),
+                             nullptr, nullptr};
+        m4gn_ride* ride = nullptr;
+        return m4gn_ride_new(M4GN_NO_MPI, &host, options, &start, &ride) == M4GN_ERROR_INPUT && !ride
+               && contains(m4gn_last_error(), why);
+    };
+    const char* observe = R"({"mode": "observe"})";
+    const m4gn_surrogate own{};
+    REQUIRE(refused(session.get(), nullptr, R"({"mode": "ride"})", "mode"));
+    REQUIRE(refused(
+        session.get(), nullptr, R"({"mode": "observe", "surrogates": ["dmd"]})", "do not name network"));
+    REQUIRE(refused(session.get(), &own, observe, "both"));
+    REQUIRE(refused(nullptr, nullptr, observe, ""));
+
+    m4gn::Ride made(
+        M4GN_NO_MPI, {state, &session, nullptr, &mesh.data, {}},
+        R"({"mode": "replace", "solver_steps": 5, "surrogate_steps": 2})", start);
+    m4gn_ride* ride = made.get();
+    const double* const* values = state.values().data();
+    double* const* next = state.places().data();
+    std::vector<double> off(fields.U.size());
+    m4gn_ride_answer answer{};
+    int32_t wants = 0;
+    REQUIRE(m4gn_ride_wants(nullptr, &start, &wants) == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_ride_wants(ride, nullptr, &wants) == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_ride_wants(ride, &start, nullptr) == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_ride_solved(nullptr, &start, values, &answer) == M4GN_ERROR_INPUT);
+    REQUIRE(
+        m4gn_ride_stride(ride, next, &answer) == M4GN_ERROR_INPUT
+        && contains(m4gn_last_error(), "solved is due"));
+    REQUIRE(m4gn_ride_advanced(ride, &first, values, &answer) == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_ride_handed_back(ride, &first, values, nullptr, 0, &answer) == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_ride_old_level(ride, dt, next) == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_ride_difference(ride, 0, 0, off.data()) == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_ride_wave(ride, -1, 0, 1, 0, off.data()) == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_ride_conditions(ride, "[]") == M4GN_ERROR_INPUT);
+    REQUIRE(m4gn_ride_load(ride, "none.state", &start, values, &answer) == M4GN_ERROR_FILE);
+    REQUIRE(m4gn_ride_text(ride, 99) == nullptr);
+    m4gn_ride_free(nullptr);
+    REQUIRE(made.solved(first).action == M4GN_RIDE_SOLVE);
+}
+
 } // namespace
 
 int main()
@@ -261,5 +314,6 @@ int main()
     ridesOnItsOwn();
     fits();
     refusesArrays();
+    refusesCalls();
     return 0;
 }
