@@ -11,7 +11,7 @@ fn root() -> &'static Path {
 }
 
 fn model() -> PathBuf {
-    root().join("models/beam.safetensors")
+    root().join("models/vibrating-rubber.safetensors")
 }
 
 #[test]

@@ -36,22 +36,6 @@ bool Foam::m4gnExplicitStress::registered(const fvMesh& mesh)
            && mesh.foundObject<IOdictionary>("mechanicalProperties");
 }
 
-bool Foam::m4gnExplicitStress::thermal(const fvMesh& mesh)
-{
-    return mesh.lookupObject<IOdictionary>("thermalProperties").get<bool>("thermalStress");
-}
-
-Foam::tmp<Foam::volSymmTensorField> Foam::m4gnExplicitStress::stress(const volTensorField& gradD) const
-{
-    return *mu_ * twoSymm(gradD) + (*lambda_ * I) * tr(gradD);
-}
-
-Foam::tmp<Foam::volVectorField> Foam::m4gnExplicitStress::explicitPart(
-    const volSymmTensorField& stress, const volTensorField& gradD) const
-{
-    return fvc::div(stress - stiffness() * gradD, "div(sigmaD)");
-}
-
 Foam::scalar Foam::m4gnExplicitStress::change(const volVectorField::Boundary& before, const volVectorField& D)
 {
     scalar largest = 0;
@@ -77,7 +61,7 @@ void Foam::m4gnExplicitStress::update(volVectorField& D, const scalar tolerance)
         D.correctBoundaryConditions();
 
         const volTensorField gradD(fvc::grad(D));
-        sigmaD = stress(gradD);
+        sigmaD = *mu_ * twoSymm(gradD) + (*lambda_ * I) * tr(gradD);
 
         if (sweep && change(before, D) < tolerance * size) {
             break;
@@ -85,7 +69,8 @@ void Foam::m4gnExplicitStress::update(volVectorField& D, const scalar tolerance)
     }
 
     if (compactNormalStress_) {
-        divSigmaExp = explicitPart(sigmaD, fvc::grad(D));
+        const volTensorField gradD(fvc::grad(D));
+        divSigmaExp = fvc::div(sigmaD - stiffness() * gradD, "div(sigmaD)");
     } else {
         divSigmaExp = fvc::div(sigmaD) - fvc::laplacian(stiffness(), D, "laplacian(DD,D)");
     }
@@ -100,7 +85,7 @@ void Foam::m4gnExplicitStress::write(const fvMesh& mesh)
     const volScalarField& rho = mesh.lookupObject<volScalarField>("rho");
 
     volSymmTensorField sigma(object("sigma"), rho * mesh.lookupObject<volSymmTensorField>("sigmaD"));
-    if (thermal(mesh)) {
+    if (mesh.lookupObject<IOdictionary>("thermalProperties").get<bool>("thermalStress")) {
         sigma = sigma
                 - I
                       * (rho * mesh.lookupObject<volScalarField>("threeKalpha")

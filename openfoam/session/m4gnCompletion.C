@@ -151,8 +151,13 @@ Foam::autoPtr<Foam::m4gnCompletion> Foam::m4gnCompletion::New(
 
     if (fitting.empty()) {
         const word model(m4gn::solidModel(mesh));
-        FatalErrorInFunction << "mode replace does not know how "
-                             << (model.empty() ? "this solver" : "solidModel ") << model
+        // It alone registers such a field
+        const bool solidDisplacementFoam = mesh.foundObject<volVectorField>("divSigmaExp");
+        const std::string solver(
+            model.size()            ? "solidModel " + model
+            : solidDisplacementFoam ? "solidDisplacementFoam"
+                                    : "this solver");
+        FatalErrorInFunction << "mode replace does not know how " << solver.c_str()
                              << " carries on from a state of a network. Expected" << nl
                              << expected.str().c_str()
                              << "    Registered: " << session.nodes().registered().c_str() << ", "

@@ -78,9 +78,8 @@ void Foam::m4gnDisplacementCompletion::complete(const scalar deltaT, const bool)
 
 Foam::wordList Foam::m4gnDisplacementCompletion::advanced() const
 {
-    // sigmaD and divSigmaExp: of solidDisplacementFoam
     wordList names(m4gnCompletion::advanced());
-    names.append(wordList({DName_, m4gnOwnFields::rateOf(DName_), "sigmaD", "divSigmaExp"}));
+    names.append(wordList({DName_, m4gnOwnFields::rateOf(DName_)}));
     return names;
 }
 

@@ -5,7 +5,6 @@
 #include "m4gnCaseChecks.H"
 #include "m4gnCheck.H"
 #include "m4gnDictionary.H"
-#include "m4gnElasticSmoothing.H"
 #include "m4gnFluxProjection.H"
 #include "m4gnFunctionObjects.H"
 #include "m4gnHandOver.H"
@@ -314,7 +313,6 @@ bool Foam::functionObjects::m4gnSurrogate::read(const dictionary& dict)
 
     if (replaces_) {
         const m4gnFluxProjection checked(mesh_, dict);
-        m4gnElasticSmoothing::checkDictionary(dict);
         m4gnRelaxation::checkDictionary(dict);
     }
 

@@ -6,9 +6,9 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::Command;
 
-/// Run a tutorial: cylinder or beam
+/// Run a tutorial: cylinder
 ///
-/// The cases, their logs and the comparison are in DIR/NAME. Needs OpenFOAM; cylinder also gmsh.
+/// The cases, their logs and the comparisons are in DIR/NAME. Needs OpenFOAM and gmsh.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Its name

@@ -102,9 +102,8 @@ impl Watch {
                 0 => {
                     warning = Some(format!(
                         "The solver stopped at its cap of {cap} correctors (nCorrectors) up to time {time}, after a jump of one step of \
-                         the surrogate; a median of {usual} was enough before. The run goes on with the solver alone\n    Smooth more \
-                         of what is handed back (smoothing {{ length ...; }}), allow more correctors, or train a model whose \
-                         displacements are smoother"
+                         the surrogate; a median of {usual} was enough before. The run goes on with the solver alone\n    Allow more \
+                         correctors, or a smaller error of what is handed back: a lower fitTolerance of dmd"
                     ));
                 }
                 _ => {

@@ -30,7 +30,7 @@ done
 mv 0.02 ../serial-beam
 clean_case
 control endTime 0.02
-cp "$M4GN_HOME/openfoam/tutorials/beam/system/decomposeParDict" system
+cp "$M4GN_HOME/openfoam/tutorials/cylinder/system/decomposeParDict" system
 solve 2
 reconstructPar -time 0.02 > log.reconstruct 2>&1 || fail "reconstructPar"
 below "$(difference 0.02/D ../serial-beam/D)" 5e-3 "difference of D on two ranks"

@@ -9,6 +9,8 @@ plain 1.25 2.5
 ride 'mode replace; surrogates (dmd); dmd { snapshotInterval 0.025; minSnapshots 24; fitTolerance 0.025; }'
 expect_log '^m4gn: the dmd surrogate advances D and, with them, .*divSigmaExp, .*sigmaD'
 replaces 0.4 'a beam'
+# The solver's first steps after a jump are counted
+holds "$(entry jumps_watched) > 0"
 # Over what half of the run changes
 close_to ../plain "$(calc "0.05*$(difference ../plain/2.5/D ../plain/1.25/D)")" 2.5/D
 close_to ../plain 0.1 {1.25,2.5}/{sigma,sigmaEq}

@@ -25,7 +25,7 @@ refused 'share: unknown entry' icoFoam
 state 'state bareFlow; projection { nCorrectors 1; }'
 refused 'projection.nCorrectors: unknown entry' icoFoam
 state 'state none;'
-refused 'Entry state is none; expected one of bareFlow, flow, solidDisplacement, totalDisplacement' icoFoam
+refused 'Entry state is none; expected one of bareFlow, flow, totalDisplacement' icoFoam
 state 'state flow; projection { nCorrectors 1; }'
 runs icoFoam
 grep -q 'maxDivAfter' log.run || { cat log.run; fail "the flow state was not taken"; }
