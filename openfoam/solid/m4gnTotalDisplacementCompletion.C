@@ -3,9 +3,13 @@
 #include "m4gnTotalDisplacementCompletion.H"
 #include "m4gnCompletionType.H"
 #include "m4gnCaseChecks.H"
+#include "m4gnDictionary.H"
+#include "m4gnLastStep.H"
+#include "m4gnOwnFields.H"
 #include "fixedGradientFvPatchFields.H"
 #include "fvcGrad.H"
 #include "pointFields.H"
+#include "Time.H"
 #include "volPointInterpolation.H"
 
 addM4gnCompletion(m4gnTotalDisplacementCompletion, totalDisplacement)
@@ -23,6 +27,38 @@ const Foam::label maxSweeps = 50;
 const Foam::scalar sweepTolerance = 1e-10;
 
 } // End anonymous namespace
+
+Foam::volVectorField& Foam::m4gnTotalDisplacementCompletion::D() const
+{
+    return mesh_.lookupObjectRef<volVectorField>(DName_);
+}
+
+Foam::volVectorField& Foam::m4gnTotalDisplacementCompletion::rate() const
+{
+    return mesh_.lookupObjectRef<volVectorField>(m4gnOwnFields::rateOf(DName_));
+}
+
+Foam::word Foam::m4gnTotalDisplacementCompletion::displacementName(const dictionary& dict)
+{
+    return dict.getOrDefault<word>("D", "D");
+}
+
+void Foam::m4gnTotalDisplacementCompletion::checkSolver() const
+{
+    refuseHistory();
+
+    if (scheme_ != "Euler" && dynamic_) {
+        FatalErrorInFunction << "mode replace does not handle the time scheme of " << DName_
+                             << " in d2dt2Schemes: " << scheme_ << nl << "    Handled: Euler, steadyState"
+                             << exit(FatalError);
+    }
+
+    wordList needed(1, DName_);
+    if (dynamic_) {
+        needed.append(m4gnOwnFields::rateOf(DName_));
+    }
+    checkAdvanced(needed, scheme_);
+}
 
 void Foam::m4gnTotalDisplacementCompletion::update()
 {
@@ -101,8 +137,11 @@ bool Foam::m4gnTotalDisplacementCompletion::applies(const fvMesh& mesh, const di
 
 Foam::m4gnTotalDisplacementCompletion::m4gnTotalDisplacementCompletion(
     const fvMesh& mesh, const dictionary& dict, const m4gnSession& session)
-    : m4gnDisplacementCompletion(mesh, dict, session), followed_(false)
+    : m4gnCompletion(mesh, session), DName_(displacementName(dict)),
+      scheme_(m4gn::scheme(mesh.schemesDict(), "d2dt2Schemes", "d2dt2(" + DName_ + ')')),
+      dynamic_(scheme_ != "steadyState"), followed_(false)
 {
+    checkSolver();
     refuseContact();
 
     // What follows from the displacement is made here, or by the solver's next
@@ -124,6 +163,26 @@ bool Foam::m4gnTotalDisplacementCompletion::beforeStride()
     return true;
 }
 
+void Foam::m4gnTotalDisplacementCompletion::advance(const m4gnState& predicted, const scalar duration)
+{
+    predicted.impose();
+    update();
+
+    if (dynamic_) {
+        const volVectorField& old = D().oldTime();
+        const scalar rDuration = 1 / duration;
+
+        // Predicted, and not to be computed from D anew
+        rate().timeIndex() = time_.timeIndex();
+
+        auto& boundary = rate().boundaryFieldRef();
+        forAll(boundary, patchi) {
+            boundary[patchi] == rDuration*(D().boundaryField()[patchi] - old.boundaryField()[patchi]);
+        }
+        rate().correctBoundaryConditions();
+    }
+}
+
 void Foam::m4gnTotalDisplacementCompletion::complete(const scalar deltaT, const bool handOver)
 {
     if (completeLastTwo()) {
@@ -135,7 +194,11 @@ void Foam::m4gnTotalDisplacementCompletion::complete(const scalar deltaT, const 
         }
     }
 
-    m4gnDisplacementCompletion::complete(deltaT, handOver);
+    if (dynamic_) {
+        D().oldTime().primitiveFieldRef() = D().primitiveField() - deltaT * rate().primitiveField();
+        // A stride is no step of the solver
+        m4gnLastStep::of(time_) = deltaT;
+    }
 
     setVelocity();
     follow();
@@ -162,8 +225,8 @@ void Foam::m4gnTotalDisplacementCompletion::write() const
 
 Foam::wordList Foam::m4gnTotalDisplacementCompletion::advanced() const
 {
-    wordList names(m4gnDisplacementCompletion::advanced());
-    names.append("point" + DName_);
+    wordList names(m4gnCompletion::advanced());
+    names.append(wordList({DName_, m4gnOwnFields::rateOf(DName_), word("point" + DName_)}));
     if (dynamic_) {
         names.append("U");
     }
@@ -171,4 +234,11 @@ Foam::wordList Foam::m4gnTotalDisplacementCompletion::advanced() const
         names.append(m4gnSolidLaw::fields());
     }
     return names;
+}
+
+Foam::List<Foam::m4gnCompletion::quantity> Foam::m4gnTotalDisplacementCompletion::quantities() const
+{
+    const tmp<scalarField> magD(mag(D().primitiveField()));
+
+    return {quantity("minMag" + DName_, gMin(magD())), quantity("maxMag" + DName_, gMax(magD()))};
 }
