@@ -126,7 +126,8 @@ step() {
 with_lock() {
     local name=$1
     shift
-    mkdir -p "$M4GN_CACHE"
+    { mkdir -p "$M4GN_CACHE" && : >>"$M4GN_CACHE/.$name.lock"; } ||
+        die "$M4GN_CACHE cannot be written to" "It keeps what is downloaded. Set M4GN_CACHE to a folder of yours, and run this again."
     (flock -n 9 || { echo "  waiting for another set-up, which fills $M4GN_CACHE" && flock 9; } && "$@") 9>"$M4GN_CACHE/.$name.lock"
 }
 

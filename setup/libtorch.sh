@@ -87,5 +87,5 @@ if [ -n "${LIBTORCH:-}" ] && [ "$LIBTORCH" != "$TORCH_DIR" ]; then
     [ -e "$LIBTORCH/lib/libtorch_cpu.so" ] || die "LIBTORCH=$LIBTORCH holds no lib/libtorch_cpu.so" \
         "Unset it to have libtorch $TORCH_VERSION fetched, or set it to a folder with include/ and lib/."
 else
-    with_lock libtorch main
+    complete || with_lock libtorch main
 fi

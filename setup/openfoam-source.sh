@@ -87,7 +87,7 @@ main() {
             "Free some disk space (80 MB are needed) or set M4GN_CACHE to another folder, and run this again."
 }
 case ${1:-headers} in
-    headers) with_lock openfoam main ;;
+    headers) complete || with_lock openfoam main ;;
     tutorials)
         with_lock openfoam have_tutorials >&2
         echo "$tutorials"

@@ -31,9 +31,12 @@ make_environment() {
         mv -T "$new" "$environment"
 }
 
+complete() {
+    [ "$(cat "$environment/.complete" 2>/dev/null)" = "$(cksum <"$requirements")" ] && "$environment/bin/python" -c '' 2>/dev/null
+}
+
 main() {
-    [ "$(cat "$environment/.complete" 2>/dev/null)" = "$(cksum <"$requirements")" ] &&
-        "$environment/bin/python" -c '' 2>/dev/null && return
+    complete && return
     [ "$(uname -m)" = x86_64 ] || die "the solid data sets need wheels for x86_64, and this is $(uname -m)"
     python=$(find_python) || die "no Python 3.11 with venv was found" \
         "Type setup/debian.sh all (or: apt-get install python3-venv) and run this again."
@@ -43,4 +46,4 @@ main() {
             "($python -m pip config list), and that 300 MB are free, and run this again."
 }
 
-with_lock solids main
+complete || with_lock solids main
