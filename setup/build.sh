@@ -62,10 +62,13 @@ beside=$!
 trap 'kill "$beside" 2>/dev/null || true' EXIT
 step "m4gn ($what)" build_crates ||
     die "the Rust part of m4gn did not build" \
-        "The compiler's messages are above and in $M4GN_LOGS. With the set-up complete this is a fault of m4gn:" \
-        "please report it with that file. If a system library was not found, type setup/debian.sh. A compiler that was" \
-        "killed (signal: 9) found no memory: type" \
-        "CARGO_BUILD_JOBS=1 CMAKE_BUILD_PARALLEL_LEVEL=1 setup/build.sh $what"
+        "The messages of Cargo and the compiler are above and in $M4GN_LOGS. Where they tell of" \
+        "- a download, check the network and its proxy (https_proxy), and run this again" \
+        "- no space left on device, free some, and run this again" \
+        "- a system library that was not found, type setup/debian.sh" \
+        "- a compiler that was killed (signal: 9), it found no memory: type" \
+        "  CARGO_BUILD_JOBS=1 CMAKE_BUILD_PARALLEL_LEVEL=1 setup/build.sh $what" \
+        "All else is a fault of m4gn: please report it with that file."
 cargo_cache_has "$what" || step "dependencies kept for the next clone" cargo_cache_save "$what" ||
     warn "the compiled dependencies could not be kept in $M4GN_CACHE: a fresh clone will compile them again"
 step "function objects for OpenFOAM $M4GN_FOAM_VERSION" build_function_objects ||
