@@ -54,9 +54,10 @@ system=$(basename "$(cargo_cache_dir)")
 [ "$(cat target/.system 2>/dev/null || echo "$system")" = "$system" ] || rm -rf target/{release,openfoam,solids4foam,tests}
 mkdir -p target && echo "$system" >target/.system
 if [ ! -e target/release/.fingerprint ]; then step "dependencies kept from earlier" cargo_cache_restore || true; fi
-# OpenFOAM's templates take minutes to compile: in the time that cargo leaves, as libraries are linked at the end only
+# OpenFOAM's templates take minutes to compile: in the time and memory that cargo leaves, as libraries are linked at the end only
 mkdir -p "$M4GN_LOGS"
-(configure_function_objects && exec nice -n 19 ninja -C target/openfoam -j "$CMAKE_BUILD_PARALLEL_LEVEL" objects) \
+spare=${CMAKE_BUILD_PARALLEL_LEVEL:-$(compilers "${CARGO_BUILD_JOBS:-$(cores)}")}
+(configure_function_objects && exec nice -n 19 ninja -C target/openfoam -j "$spare" objects) \
     >"$M4GN_LOGS/function-objects-beside-cargo.log" 2>&1 </dev/null &
 beside=$!
 trap 'kill "$beside" 2>/dev/null || true' EXIT

@@ -149,10 +149,10 @@ solids4foam_environment() {
 # The cores that this process may use. (nproc alone answers with OMP_NUM_THREADS, which is 1 in tests.)
 cores() { env -u OMP_NUM_THREADS nproc; }
 
-# How many compilers run at once: one a core, and no more than the memory has room for, 1.5 GB each
+# compilers [OTHERS]: how many run at once beside so many others: one a core, and no more than the memory has room for, 1.5 GB each
 compilers() {
     local room
-    room=$(awk '/^MemAvailable:/ { print int($2/1.5e6) }' /proc/meminfo)
+    room=$(awk -v others="${1:-0}" '/^MemAvailable:/ { print int($2/1.5e6) - others }' /proc/meminfo)
     printf '%s\n' "$(cores)" "$((room > 0 ? room : 1))" | sort -n | head -n 1
 }
 
