@@ -16,8 +16,9 @@ use std::time::Duration;
 const READ: usize = 8;
 const VALUES: usize = 4096;
 
-/// Least strides in a trajectory.
+/// Least strides in a trajectory, and frames: those of the four strides that a training unrolls at its end.
 const STRIDES: usize = 25;
+const FRAMES: usize = 5;
 
 /// Noise over what a field changes by in a stride.
 const NOISE: f64 = 0.25;
@@ -137,17 +138,16 @@ struct Seen {
 impl Seen {
     fn of(folder: &Path) -> Result<Self> {
         let mut all = list(folder)?.iter().map(Trajectory::open).collect::<Result<Vec<_>>>()?;
-        all.retain(|t| t.split() == Split::Train);
+        all.retain(|t| t.split() == Split::Train && t.times().len() >= FRAMES);
         let trajectories = all.len();
         let (Some(first), Some(shortest)) = (all.first(), all.iter().map(|t| t.times().len()).min()) else {
             return Err(Error::file(
                 folder,
-                "no trajectory of split `train`: make some with `m4gn generate`",
+                format!(
+                    "no trajectory of split `train` with at least {FRAMES} frames: make some with `m4gn generate`"
+                ),
             ));
         };
-        refuse(shortest < 3, Error::Input, || {
-            format!("{}: a trajectory of {shortest} frames, expected at least 3", folder.display())
-        })?;
         let (interval, dim, body) = (interval(first), first.mesh().dim(), first.body().is_some());
         for t in &all {
             refuse(
@@ -439,6 +439,20 @@ mod tests {
         let wide =
             field("k", &[vec![1.0; 9], vec![1.0; 9], (1..=9).map(|n| (n as f32).powi(8)).collect()], 1);
         assert_eq!(wide.part(), Part::Predicted { output: "delta", floor: Some(1e-3 * 5f64.powi(8)) });
+    }
+
+    #[test]
+    fn trajectories_without_four_strides_are_left_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, frames: usize| {
+            let path = folder.path().join(name);
+            m4gn_samples::training::write_trajectory(&path, 0, Split::Train, frames).unwrap();
+        };
+        write("0.h5", 4);
+        let error = Seen::of(folder.path()).err().unwrap().to_string();
+        assert!(error.contains("with at least 5 frames"), "{error}");
+        write("1.h5", 30);
+        assert_eq!(Seen::of(folder.path()).unwrap().trajectories, 1);
     }
 
     #[test]
