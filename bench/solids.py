@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Table of a row of bench/solids.sh: processor time of whole runs, over the segregated solver's and over that of the fastest plain solver
-whose error of D is no larger; errors of D, of the stress and of the force on the clamp, over their root mean square. Median, worst in brackets."""
+whose error of D is no larger; errors of D, of the stress and of the force on the clamp, over their root mean square; error of the force over
+its range. Median, worst in brackets."""
 import json
 import math
 import pathlib
@@ -23,11 +24,12 @@ def read(folder):
             if case["full"]:
                 first = own
                 plain.add(own)
-                runs.setdefault(own, {})[case["index"]] = (case["full"]["cost"]["processor"], 0.0, 0.0, 0.0, None)
+                runs.setdefault(own, {})[case["index"]] = (case["full"]["cost"]["processor"], 0.0, 0.0, 0.0, 0.0, None)
             for name, run in case["runs"].items():
                 score = run["score"]
                 runs.setdefault("network" if name == "hybrid" else name, {})[case["index"]] = (
-                    run["cost"]["processor"], score["displacement"], score["stress"], score["reaction"], score["replaced"])
+                    run["cost"]["processor"], score["displacement"], score["stress"], score["reaction"],
+                    score["reaction_of_range"], score["replaced"])
     return runs, plain, first
 
 
@@ -50,13 +52,13 @@ def main():
         return [v[0] / runs[rival][i][0] for i, v in runs[name].items() if i in runs[rival]]
 
     print(f"{folder.name}, {len(runs[first])} draws, {middle(first, 0):.4g} s with {first}\n")
-    print(f"| run | time over {first} | over the fastest plain solver as near | D % | stress % | force % | replaced |")
-    print("| --- | --- | --- | --- | --- | --- | --- |")
+    print(f"| run | time over {first} | over the fastest plain solver as near | D % | stress % | force % | force/range % | replaced |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     for name in sorted(runs, key=lambda n: middle(n, 0)):
         near = [p for p in plain & runs.keys() if p != name and middle(p, 1) <= middle(name, 1)]
         rival = min(near, key=lambda p: middle(p, 0), default=None)
         ratio = f"{shown(over(name, rival))} {rival}" if rival else "-"
-        errors = [shown([v[figure] for v in runs[name].values()], scale) for figure, scale in ((1, 100), (2, 100), (3, 100), (4, 1))]
+        errors = [shown([v[figure] for v in runs[name].values()], scale) for figure, scale in ((1, 100), (2, 100), (3, 100), (4, 100), (5, 1))]
         print(f"| {name} | {shown(over(name, first))} | {ratio} | {' | '.join(errors)} |")
     print(flush=True)
 

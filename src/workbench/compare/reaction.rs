@@ -35,6 +35,10 @@ pub struct Reaction {
     pub times_of_solver: usize,
     /// Root mean square of |B - A| over that of A, over these.
     pub error_rms_of_solver: Option<f64>,
+    /// Root mean square of |B - A| over the range of A: the largest difference of a component between two times.
+    pub error_of_range: Option<f64>,
+    /// The same at the times that B's surrogate computed.
+    pub error_of_range_of_surrogate: Option<f64>,
     /// Common times that were left out, with their number and why.
     pub left_out: Vec<LeftOut>,
 }
@@ -106,13 +110,16 @@ impl Track {
             let slack = 5e-6 * t.abs();
             (first - slack..=last + slack).contains(&t)
         };
-        let solver: Vec<usize> = (0..self.times.len())
-            .filter(|&i| !self.jumps.iter().any(|jump| within(self.times[i], jump)))
-            .collect();
-        let of_solver = |all: &[[f64; 3]]| self::rms(&solver.iter().map(|&i| all[i]).collect::<Vec<_>>());
+        let (surrogate, solver): (Vec<usize>, Vec<usize>) =
+            (0..self.times.len()).partition(|&i| self.jumps.iter().any(|jump| within(self.times[i], jump)));
+        let at = |of: &[usize], all: &[[f64; 3]]| self::rms(&of.iter().map(|&i| all[i]).collect::<Vec<_>>());
+        let range = Some([range(&a); 2]);
+        let of_surrogate = (!surrogate.is_empty()).then(|| at(&surrogate, &difference));
         Reaction {
             times_of_solver: solver.len(),
-            error_rms_of_solver: over(of_solver(&difference), Some([of_solver(&a); 2])),
+            error_rms_of_solver: over(at(&solver, &difference), Some([at(&solver, &a); 2])),
+            error_of_range: over(self::rms(&difference), range),
+            error_of_range_of_surrogate: of_surrogate.and_then(|error| over(error, range)),
             error_rms: over(self::rms(&difference), rms),
             error_max: over(self::largest(&difference), largest),
             patch: self.patch,
@@ -138,6 +145,15 @@ fn largest(forces: &[[f64; 3]]) -> f64 {
     forces.iter().map(|f| norm(*f)).fold(0.0, f64::max)
 }
 
+/// Of the component that varies most.
+fn range(forces: &[[f64; 3]]) -> f64 {
+    let extent = |d: usize| {
+        let all = forces.iter().map(|f| f[d]);
+        all.clone().fold(f64::NEG_INFINITY, f64::max) - all.fold(f64::INFINITY, f64::min)
+    };
+    (0..3).map(extent).fold(0.0, f64::max)
+}
+
 impl Reaction {
     /// Rows of a table of figures: what it is, A and B, and the error.
     pub(super) fn rows(&self) -> Vec<Row> {
@@ -152,6 +168,12 @@ impl Reaction {
             rows.push((name, [None; 2], percent(self.error_rms_of_solver)));
         }
         rows.push(row("largest", self.largest, self.error_max));
+        let of_range = |name: &str, error| (name.to_string(), [None; 2], percent(error));
+        rows.push(of_range("rms error of the force over the full run's range", self.error_of_range));
+        if self.times_of_solver < self.times.len() {
+            let error = self.error_of_range_of_surrogate;
+            rows.push(of_range("    the same at the times of the surrogate", error));
+        }
         rows
     }
 
@@ -180,7 +202,8 @@ impl Reaction {
         page.paragraph(&format!(
             "Integral of the stored stress sigma over patch {}, with large strains over its deformed areas: what holds the \
              body there pulls it with. The errors are those of the vector: root mean square over the times, and largest, \
-             over those of the full run.",
+             over those of the full run; and root mean square over the range of the full run's force, the largest difference of a \
+             component between two times.",
             self.patch
         ));
         if let Some(text) = self.left_out_text() {
@@ -222,7 +245,10 @@ mod tests {
         // The second is the surrogate's: 1 N of 3 N are left
         assert_eq!(found.times_of_solver, 1);
         assert!(near(found.error_rms_of_solver, 1.0 / 3.0), "{found:?}");
-        assert_eq!(found.rows().len(), 3);
+        // The full run's z goes from 0 to 4 N
+        assert!(near(found.error_of_range, 2.5_f64.sqrt() / 4.0), "{found:?}");
+        assert!(near(found.error_of_range_of_surrogate, 0.5), "{found:?}");
+        assert_eq!(found.rows().len(), 5);
     }
 
     #[test]
@@ -235,6 +261,8 @@ mod tests {
         t.push(0.4, [Without(Unknown::Missing), Without(Unknown::Stale)]);
         let found = t.finish();
         assert_eq!((found.times.as_slice(), found.error_rms), (&[0.1][..], Some(0.0)));
+        // One time has no range
+        assert_eq!((found.error_of_range, found.error_of_range_of_surrogate), (None, None));
         let text = found.left_out_text().unwrap();
         assert_eq!(
             text,

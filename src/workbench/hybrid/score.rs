@@ -35,6 +35,10 @@ pub struct Score {
     pub reaction_of_solver: Option<f64>,
     /// Of a solid: the largest error of the reaction force, over the largest force.
     pub reaction_max: Option<f64>,
+    /// Of a solid: root mean square of the error of the reaction force, over the range of the full run's force.
+    pub reaction_of_range: Option<f64>,
+    /// The same at the times of the surrogate, in jumps.
+    pub reaction_of_range_of_surrogate: Option<f64>,
     /// Of a solid: times at which the reaction force was not compared, and why, in words; none where it was at all.
     pub reaction_left_out: Option<String>,
     /// Mean drag.
@@ -109,6 +113,8 @@ impl Score {
             score.reaction = reaction.error_rms;
             score.reaction_of_solver = reaction.error_rms_of_solver;
             score.reaction_max = reaction.error_max;
+            score.reaction_of_range = reaction.error_of_range;
+            score.reaction_of_range_of_surrogate = reaction.error_of_range_of_surrogate;
             score.reaction_left_out = reaction.left_out_text();
         }
         score

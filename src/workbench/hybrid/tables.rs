@@ -18,7 +18,7 @@ fn score(run: &RunRecord) -> Option<&Score> {
     run.score.as_ref()
 }
 
-const FIGURES: [Figure; 21] = [
+const FIGURES: [Figure; 23] = [
     ("whole %", "whole", |d, r| percent(whole_time(d, r, |c| c.processor))),
     ("whole wall %", "whole_wall", |d, r| percent(whole_time(d, r, |c| c.wall))),
     ("ended s", "ended", |_, r| score(r)?.ended),
@@ -38,14 +38,19 @@ const FIGURES: [Figure; 21] = [
     ("force %", "reaction", |_, r| percent(score(r)?.reaction)),
     ("solver's %", "reaction_of_solver", |_, r| percent(score(r)?.reaction_of_solver)),
     ("force max %", "reaction_max", |_, r| percent(score(r)?.reaction_max)),
+    ("force/range %", "reaction_of_range", |_, r| percent(score(r)?.reaction_of_range)),
+    ("surrogate's %", OF_SURROGATE, |_, r| percent(score(r)?.reaction_of_range_of_surrogate)),
     ("times as fast", TIMES_AS_FAST, |d, r| times_as_fast(d, r)),
     ("stretch %", "time", |d, r| percent(relative_time(d, r))),
 ];
 
 /// The figure of which more is better.
 const TIMES_AS_FAST: &str = "times_as_fast";
+/// The error of a patch's force at the surrogate's times.
+const OF_SURROGATE: &str = "reaction_of_range_of_surrogate";
 /// Figures of the stress and of a patch's force, a dash where it is not known.
-const OF_STRESSES: [&str; 4] = ["stress", "reaction", "reaction_of_solver", "reaction_max"];
+const OF_STRESSES: [&str; 6] =
+    ["stress", "reaction", "reaction_of_solver", "reaction_max", "reaction_of_range", OF_SURROGATE];
 
 fn percent(value: Option<f64>) -> Option<f64> {
     value.map(|v| 100.0 * v)

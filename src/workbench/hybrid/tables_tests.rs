@@ -75,6 +75,8 @@ fn what_solids_have_is_shown_and_a_dash_where_it_is_not_known() {
         (score.reaction, score.reaction_max) = (reaction, reaction.map(|r| 2.0 * r));
         score.stress = reaction.map(|r| 10.0 * r);
         score.reaction_of_solver = reaction.map(|r| 0.5 * r);
+        score.reaction_of_range = reaction.map(|r| 0.25 * r);
+        score.reaction_of_range_of_surrogate = reaction.map(|r| 0.75 * r);
         score.reaction_left_out = left.map(Into::into);
         run
     };
@@ -92,8 +94,8 @@ fn what_solids_have_is_shown_and_a_dash_where_it_is_not_known() {
     };
     // Of 'D %', 'stress %' and 'D/range %', of the force
     let hybrid = row("hybrid").join(" ");
-    assert!(hybrid.contains("20.0 40.0 1.23") && hybrid.contains("4.00 2.00 8.00"), "{table}");
-    assert!(row("loose").join(" ").contains("20.0 - 1.23 - - -"), "{table}");
+    assert!(hybrid.contains("20.0 40.0 1.23") && hybrid.contains("4.00 2.00 8.00 1.00 3.00"), "{table}");
+    assert!(row("loose").join(" ").contains("20.0 - 1.23 - - - - -"), "{table}");
     assert_eq!(remarks(&all), [format!("0000 hybrid: {left}")]);
     let found = &summary(&all, &names)[0]["runs"];
     assert!(found["loose"]["reaction"]["worst"].is_null());
