@@ -1,6 +1,7 @@
 //! Which values the parameters of a campaign's runs have.
 
 use super::table::{Row, Table, check_names};
+use crate::generate::parameter::short;
 use m4gn_base::{Error, Result, refuse};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -141,11 +142,10 @@ fn grid(parameters: &[Parameter], count: usize) -> Result<Vec<Vec<String>>> {
     Ok(runs)
 }
 
-/// The value at a place of a range, from 0 to 1: six significant digits, and more where the range is narrow beside its ends.
-fn within([low, high]: [f64; 2], place: f64) -> String {
-    let narrow = (low.abs().max(high.abs()) / (high - low)).log10().round().clamp(0.0, 11.0);
-    let digits = format!("{:.*e}", 5 + narrow as usize, low + (high - low) * place);
-    super::table::value(&digits).unwrap_or(digits)
+/// The value at a place of a range, from 0 to 1.
+fn within(range @ [low, high]: [f64; 2], place: f64) -> String {
+    let text = short(low + (high - low) * place, range).to_string();
+    super::table::value(&text).unwrap_or(text)
 }
 
 /// Points of the unit cube as values.

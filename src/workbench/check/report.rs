@@ -151,7 +151,7 @@ impl Report {
             }
         };
         // Without the noise of its last digits
-        let interval = short(interval);
+        let interval = short(interval, [0.0, interval]);
         Some(Suggestion { interval, window: if states >= STATES { WINDOW } else { LEAST }, why })
     }
 }

@@ -239,9 +239,9 @@ pub(super) fn draw(
         let value = match (setting, drawn, range) {
             (Some(Setting::Value(value)), ..) => value.clone(),
             (_, Some(drawn), _) => Value::Number(drawn),
-            (_, None, Some([low, high])) => {
+            (_, None, Some(range @ [low, high])) => {
                 let mut own = stream(index.wrapping_add((place as u64 + 1) << 40));
-                Value::Number(short(own.random_range(low..=high)))
+                Value::Number(short(own.random_range(low..=high), range))
             }
             // `check` has seen to it that there is one.
             (_, None, None) => p.value.clone().unwrap_or(Value::Number(f64::NAN)),
@@ -258,9 +258,11 @@ pub(super) fn draw(
     parameters.iter().enumerate().map(one).collect()
 }
 
-/// A number with six significant digits.
-pub(crate) fn short(value: f64) -> f64 {
-    format!("{value:.5e}").parse().unwrap_or(value)
+/// A number of a range with six significant digits, and more where the range is narrow beside its ends.
+pub(crate) fn short(value: f64, [low, high]: [f64; 2]) -> f64 {
+    let narrow = (low.abs().max(high.abs()) / (high - low)).log10().round().clamp(0.0, 11.0);
+    let digits = 5 + narrow as usize;
+    format!("{value:.digits$e}").parse().unwrap_or(value)
 }
 
 #[cfg(test)]
@@ -305,6 +307,8 @@ mod tests {
         };
         assert!((number(&wider[0]) - 10.0 * number(&usual[0])).abs() < 1e-5);
         assert!((1.0..=2.0).contains(&number(&wider[2])) && number(&wider[2]) != 1.5);
+        let narrow = number(&drawn(&["c=101325:101325.02"])[2]);
+        assert!(narrow > 101325.0 && narrow < 101325.02, "{narrow}");
     }
 
     #[test]
