@@ -199,6 +199,7 @@ refused 'failed before, and is not made again' m4gn campaign run --store other
 refused 'r03 (Ulid 300, n 20): failed: ' m4gn campaign run --store other --retry
 runs m4gn campaign report --store other
 expect_log '2 of 3 runs' 'r03 failed'
+grep -q 'those that failed [0-9.]*[1-9]' other/report.html || fail "a failed run took no time"
 # A state that the user has removed is none that a run starts from
 rm -r other/runs/r02/case
 echo r04,1.1,24 >> other/parameters.csv

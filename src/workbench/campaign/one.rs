@@ -60,6 +60,7 @@ pub fn one_claimed(campaign: &Campaign, unit: Unit, anew: bool, tools: &Surround
             fs::remove_file(&path).map_err(|e| Error::file(&path, format!("cannot be removed: {e}")))?;
         }
     }
+    let mut all = Clock::new()?;
     let made = make(campaign, unit, &folder.join("case"), tools, (Instant::now(), &mut Clock::new()?), None);
     match made {
         Ok(record) => {
@@ -68,7 +69,8 @@ pub fn one_claimed(campaign: &Campaign, unit: Unit, anew: bool, tools: &Surround
         }
         Err(Error::Interrupted(e)) => Err(Error::Interrupted(e)),
         Err(e) => {
-            let failure = Failure { message: e.to_string(), made_from: campaign.made_from(unit) };
+            let (message, made_from) = (e.to_string(), campaign.made_from(unit));
+            let failure = Failure { message, processor: all.lap().unwrap_or(0.0), made_from };
             // Where it cannot be kept the run is missing, and made again
             record::write(&folder.join(FAILED), &failure)
                 .map_err(|kept| Error::Input(format!("{e}; {kept}")))?;

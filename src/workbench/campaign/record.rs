@@ -134,6 +134,9 @@ impl Cost {
 pub struct Failure {
     /// In one paragraph.
     pub message: String,
+    /// What it took until then, processor s.
+    #[serde(default)]
+    pub processor: f64,
     /// All that it was made from.
     pub made_from: MadeFrom,
 }
@@ -145,8 +148,8 @@ pub enum State {
     Missing,
     /// It is finished, and made from what is there now.
     Done(Box<Record>),
-    /// It failed, with what is there now.
-    Failed(String),
+    /// It failed, with what is there now: why, and the processor seconds that it took.
+    Failed(String, f64),
     /// It is finished, and made from something else, which is named.
     Stale(String),
 }
@@ -163,7 +166,9 @@ pub fn state(folder: &Path, now: &MadeFrom) -> Result<State> {
         });
     }
     Ok(match read::<Failure>(&folder.join(FAILED))? {
-        Some(failure) if failure.made_from.differs(now).is_none() => State::Failed(failure.message),
+        Some(failure) if failure.made_from.differs(now).is_none() => {
+            State::Failed(failure.message, failure.processor)
+        }
         _ => State::Missing,
     })
 }
@@ -203,8 +208,9 @@ mod tests {
         };
         let is = |now: &MadeFrom| format!("{:?}", state(dir.path(), now).unwrap());
         assert_eq!(is(&of("1")), "Missing");
-        write(&dir.path().join(FAILED), &Failure { message: "diverged".into(), made_from: of("1") }).unwrap();
-        assert_eq!((is(&of("1")), is(&of("2"))), ("Failed(\"diverged\")".into(), "Missing".into()));
+        let failure = Failure { message: "diverged".into(), processor: 3.5, made_from: of("1") };
+        write(&dir.path().join(FAILED), &failure).unwrap();
+        assert_eq!((is(&of("1")), is(&of("2"))), ("Failed(\"diverged\", 3.5)".into(), "Missing".into()));
         let record = Record {
             case_name: "a".into(),
             parameters: [("U".to_string(), "1".to_string())].into(),

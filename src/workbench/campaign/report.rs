@@ -35,7 +35,7 @@ struct Run {
 /// # Errors
 /// [`m4gn_base::Error::File`] for a record that is damaged, and where a file cannot be written.
 pub fn report(campaign: &Campaign) -> Result<Report> {
-    let (mut runs, mut notes) = (Vec::new(), Vec::new());
+    let (mut runs, mut notes, mut failed) = (Vec::new(), Vec::new(), 0.0);
     let mut units = campaign.units();
     units.sort_by_key(|u| (u.row, u.check));
     for &unit in &units {
@@ -52,7 +52,10 @@ pub fn report(campaign: &Campaign) -> Result<Report> {
             State::Stale(what) => {
                 notes.push(format!("{name} is left out, as it was made with another content of: {what}"))
             }
-            State::Failed(why) => notes.push(format!("{name} failed: {why}")),
+            State::Failed(why, seconds) => {
+                failed += seconds;
+                notes.push(format!("{name} failed: {why}"));
+            }
             State::Missing => {}
         }
     }
@@ -67,7 +70,7 @@ pub fn report(campaign: &Campaign) -> Result<Report> {
             number(c.difference, 3)
         )
     }));
-    page(campaign, &runs, &compared, &notes, units.len())?.write(&html)?;
+    page(campaign, &runs, &compared, &notes, (units.len(), failed))?.write(&html)?;
     Ok(Report { csv, html, there: (runs.len(), units.len()), notes })
 }
 
@@ -135,22 +138,24 @@ fn compared(runs: &[Run], quantities: &[Quantity]) -> Vec<Compared> {
     found
 }
 
+/// `failed`: processor time of the runs that failed, s.
 fn page(
     campaign: &Campaign,
     runs: &[Run],
     compared: &[Compared],
     notes: &[String],
-    all: usize,
+    (all, failed): (usize, f64),
 ) -> Result<Page> {
     let case = campaign.settings.case.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let mut page = Page::new(&format!("Campaign of {case}"));
     let sum = |of: &dyn Fn(&Run) -> f64| -> f64 { runs.iter().map(of).sum() };
     let total = |check: bool| sum(&|r| if r.unit.check == check { r.record.cost.total() } else { 0.0 });
     page.paragraph(&format!(
-        "{} of {all} runs are there. They took {} s of processor time, their checks {} s.",
+        "{} of {all} runs are there. They took {} s of processor time, their checks {} s, those that failed {} s.",
         runs.len(),
         number(total(false), 4),
-        number(total(true), 4)
+        number(total(true), 4),
+        number(failed, 4)
     ));
     if !notes.is_empty() {
         page.listing(&notes.join("\n"));
@@ -199,11 +204,11 @@ fn page(
         let (cold, checks) = (number(of.cold, 3), of.checks);
         page.paragraph(&format!(
             "A cold plain run to the end takes {cold} s of processor time (checks made: {checks}). {} such runs take {} s, where these took {} s, \
-             {} s with their checks. {}.",
+             {} s with their checks and those that failed. {}.",
             of.runs,
             number(of.runs as f64 * of.cold, 3),
             number(of.own, 3),
-            number(of.own + of.cold * checks as f64, 3),
+            number(of.own + of.cold * checks as f64 + failed, 3),
             of.breakeven.map_or("They have not yet saved what the checks took".into(), |n| format!(
                 "With the checks, they pay from run {n} on"
             ))

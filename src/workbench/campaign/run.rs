@@ -54,7 +54,7 @@ pub fn run(
         match campaign.state(unit)? {
             State::Done(_) => {}
             State::Stale(what) if !asked.anew => stale.push((unit, what)),
-            State::Failed(why) if !asked.retry => {
+            State::Failed(why, _) if !asked.retry => {
                 failed += 1;
                 let file = campaign.folder_of(unit).join(FAILED);
                 say(&format!(
@@ -186,7 +186,7 @@ fn made(campaign: &Campaign, unit: Unit, asked: Order, waits: bool, tools: &Surr
     // What another program has made of it meanwhile
     match campaign.state(unit)? {
         State::Done(record) => return Ok(Ended::Done(record)),
-        State::Failed(why) if waits || !asked.retry => return Ok(Ended::Failed(why)),
+        State::Failed(why, _) if waits || !asked.retry => return Ok(Ended::Failed(why)),
         _ => {}
     }
     let program =
@@ -207,7 +207,7 @@ fn made(campaign: &Campaign, unit: Unit, asked: Order, waits: bool, tools: &Surr
     match (done, campaign.state(unit)?) {
         (Err(Error::Interrupted(e)), _) => Err(Error::Interrupted(e)),
         (_, State::Done(record)) => Ok(Ended::Done(record)),
-        (_, State::Failed(why)) => Ok(Ended::Failed(why)),
+        (_, State::Failed(why, _)) => Ok(Ended::Failed(why)),
         (Err(e), _) => Err(e),
         (Ok(()), _) => Err(Error::file(
             &folder,
@@ -267,7 +267,7 @@ pub fn status(campaign: &Campaign) -> Result<(Table, usize)> {
                 ("to make anew, from its begin".into(), None)
             }
             (State::Missing, None) => ("to make".into(), None),
-            (State::Failed(why), None) => (format!("failed: {why}"), None),
+            (State::Failed(why, _), None) => (format!("failed: {why}"), None),
             (State::Stale(what), None) => (format!("of another content of: {what}"), None),
         };
         there += usize::from(record.is_some());
