@@ -86,6 +86,11 @@ refused 'lies in the case' m4gn campaign init cavity --out study/../cavity/own -
 mkdir own && echo 'case_name,Ulid' > own/parameters.csv
 refused 'own/parameters.csv: is there already' m4gn campaign init cavity --out own --parameter Ulid=1,2
 [ "$(cat own/parameters.csv)" = 'case_name,Ulid' ] || fail "the user's parameters.csv was changed"
+# A file that cannot be written takes the others with it, and the next init goes on
+mkdir half && ln -s nowhere/campaign.toml half/campaign.toml
+refused 'half/campaign.toml: cannot be written' m4gn campaign init cavity --out half --parameter Ulid=1,2 --parameter n=20
+rm half/campaign.toml
+runs m4gn campaign init cavity --out half --parameter Ulid=1,2 --parameter n=20
 refused 'has no \[\[quantity\]\]' m4gn campaign run --store study
 quantity study 'scale = "Ulid"' 'held_out = 0.25' 'start = "nearest"'
 refused 'has no run r7: expected one of r01' m4gn campaign one r7 --store study

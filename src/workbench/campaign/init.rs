@@ -54,7 +54,7 @@ pub struct Found {
 ///
 /// # Errors
 /// [`Error::File`] where there is a campaign already, and for what the case lacks; [`Error::Input`] for a parameter that no file uses. Nothing is
-/// written then.
+/// written then, and none of the files stays where one cannot be written.
 pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
     let (case, out) = (plain_path(&request.case)?, plain_path(&request.out)?);
     let file = out.join(settings::FILE);
@@ -127,16 +127,23 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
     }
 
     std::fs::create_dir_all(&out).map_err(|e| Error::file(&out, format!("cannot be made: {e}")))?;
+    let mut all = vec![(out.join(table::FILE), table.text()?), (file, text)];
     if !shared.exists() {
-        files::write_whole(&shared, parameters(&table, &table.rows[0]).as_bytes())?;
         notes.push(format!(
             "{} is written, with the values of {}, so that the case runs by itself",
             shared.display(),
             table.rows[0].name
         ));
+        all.push((shared, parameters(&table, &table.rows[0])));
     }
-    files::write_whole(&out.join(table::FILE), table.text()?.as_bytes())?;
-    files::write_whole(&file, text.as_bytes())?;
+    for (i, (path, text)) in all.iter().enumerate() {
+        files::write_whole(path, text.as_bytes()).inspect_err(|_| {
+            // One of them alone, as a full disk leaves it, would be taken for a campaign
+            for (path, _) in &all[..i] {
+                let _ = std::fs::remove_file(path);
+            }
+        })?;
+    }
     Ok(Found { runs: table.rows.len(), notes })
 }
 
