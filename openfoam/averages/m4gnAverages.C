@@ -63,6 +63,12 @@ void Foam::functionObjects::m4gnAverages::readQuantities(const dictionary& dict)
 
         quantity q;
         q.name = e.keyword();
+        if (q.name == "time" || q.name == "Time") {
+            FatalIOErrorInFunction(of) << "Quantity " << q.name << " of " << all.dictName()
+                                       << ": expected another name, as averages.json and averages.dat have"
+                                          " the run's time by this one"
+                                       << exit(FatalIOError);
+        }
         of.readEntry("functionObject", q.functionObject);
         of.readEntry("result", q.result);
         const word component(of.getOrDefault<word>("component", "none"));
@@ -316,12 +322,21 @@ bool Foam::functionObjects::m4gnAverages::check(const bool due)
         OFstream os(table, IOstream::ASCII, IOstream::currentVersion, IOstream::UNCOMPRESSED, begun);
         if (!begun) {
             os << "# Time";
+            static const char* const columns[] = {
+                "half_width",           "rms",           "rms_half_width",      "frequency",
+                "frequency_resolution", "transient_end", "independent_samples", "surrogate_share"};
+            wordHashSet names;
             for (const quantity& q : quantities_) {
-                for (const char* key :
-                     {"", "_half_width", "_rms", "_rms_half_width", "_frequency", "_frequency_resolution",
-                      "_transient_end", "_independent_samples", "_surrogate_share"})
-                {
-                    os << tab << (q.name + key).c_str();
+                names.insert(q.name);
+            }
+            for (const quantity& q : quantities_) {
+                bool taken = false;
+                for (const char* column : columns) {
+                    taken = taken || names.found(word(q.name + '_' + column));
+                }
+                os << tab << q.name.c_str();
+                for (const char* column : columns) {
+                    os << tab << (q.name + (taken ? ':' : '_') + column).c_str();
                 }
             }
             os << nl;

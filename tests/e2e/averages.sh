@@ -202,10 +202,20 @@ ill_formed 'Unknown entry toleranse' 'toleranse 1;'
 ill_formed 'Entry confidence of .*expected a number between 0 and 1' 'confidence 95;'
 ill_formed 'Entry checkInterval of .* is 0; expected at least 1' 'checkInterval 0;'
 ill_formed 'Entry statistic of .*expected mean or rms' 'quantities { Cd { functionObject forces; result Cd; statistic median; } }'
+ill_formed 'Quantity time of .*expected another name' 'quantities { time { functionObject forces; result Cd; } }'
 ill_formed 'Entry relative of .*expected a positive number' 'quantities { Cd { relative -1; } }'
 ill_formed 'expected one of them, found both' 'quantities { Cd { tolerance 1; } }'
 ill_formed 'of functionObject force, which this run has not' 'quantities { Cd { functionObject force; result Cd; } }'
 ill_formed 'publishes no Cx It publishes: ' 'quantities { Cd { functionObject forces; result Cx; } }'
+
+# Each column has a name of its own, that of an rms beside a quantity that is called so too
+clean_case
+control endTime 0.02
+averages 'quantities { Cd_rms { functionObject forces; result Cd; statistic rms; } }'
+runs icoFoam
+columns=$(head -n 1 postProcessing/averages/0/averages.dat | tr '\t' '\n')
+[ -z "$(sort <<< "$columns" | uniq -d)" ] || fail "columns of one name: $columns"
+grep -qx 'Cd:rms_half_width' <<< "$columns" || fail "no rms of Cd: $columns"
 
 # A steady solver's values settle, and are known
 cd "$work"

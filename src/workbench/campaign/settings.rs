@@ -176,6 +176,9 @@ impl Settings {
             if !is_word(&q.name) || !names.insert(&q.name) {
                 return fault("expected a name of its own, of letters, digits, _ and -".into());
             }
+            if ["time", "Time"].contains(&q.name.as_str()) {
+                return fault("expected another name, as m4gnAverages has the run's time by this one".into());
+            }
             if let Some(c) = q.component.as_ref().filter(|c| !["x", "y", "z"].contains(&c.as_str())) {
                 return fault(format!("component = \"{c}\": expected x, y or z"));
             }
@@ -252,6 +255,7 @@ mod tests {
             ("relative = 0.01", "relative = -1", "expected a positive number"),
             ("relative = 0.01", "component = \"w\"", "expected x, y or z"),
             ("\"Cd\"\nfunc", "\"a b\"\nfunc", "expected a name"),
+            ("\"Cd\"\nfunc", "\"time\"\nfunc", "expected another name"),
             ("\"forces\"", "\"a; b\"", "expected a word"),
         ] {
             assert!(GOOD.contains(from), "{from}");
