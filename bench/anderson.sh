@@ -43,15 +43,19 @@ control_model() {
     sed -i "s/$1 \({.*}\);/$1 \1/" constant/solidProperties
 }
 
+# told KEY: what m4gnAnderson says at the end of a run; nothing where it is not in the run
+told() {
+    python3 -c 'import glob, json, sys
+for file in glob.glob("postProcessing/anderson/*/summary.json"): print(json.load(open(file)).get(sys.argv[1], ""))' "$1"
+}
 # correctors: of m4gnAnderson and of the solver. The last line of a time step has those of the solver, but at its limit.
 correctors() {
-    awk -v most="$(sed -n 's/^ *nCorrectors *\([0-9]*\);.*/\1/p' constant/solidProperties | head -n 1)" '
+    awk -v ahead="$(told correctors)" -v most="$(sed -n 's/^ *nCorrectors *\([0-9]*\);.*/\1/p' constant/solidProperties | head -n 1)" '
         function add() { n += last; last = 0 }
-        /^m4gn: the next time step is solved/ { n += $9 }
         /^Time = / { add() }
         /^ *[0-9]+, / { split($1, a, ","); last = a[1] + 1 }
         /Max iterations reached/ { last = most ? most : 10000 }
-        END { add(); print n + 0 }' log.run
+        END { add(); print n + ahead }' log.run
 }
 median() { sort -g | awk '{ a[NR] = $1 } END { print (a[int((NR + 1)/2)] + a[int((NR + 2)/2)])/2 }'; }
 # timed: processor time of the solver (s)
@@ -82,7 +86,8 @@ while read -r tutorial steps change words; do
         timed >> "$folder/times"
     done
     with=$(correctors)
-    ahead=$(sed -n 's/^m4gn: \([0-9]*\) time steps solved ahead .* \([0-9]*\) left .*/\1, \2/p; s/^m4gn: anderson leaves all time steps to the solver: //p' log.run)
+    ahead=$(told why)
+    [ -n "$ahead" ] || ahead="$(told time_steps_solved), $(told time_steps_left)"
     plain=$(median < "$folder/plain-times") taken=$(median < "$folder/times")
     off=0
     cmp -s ../plain/D "$last/D" || off=$(difference ../plain/D "$last/D")

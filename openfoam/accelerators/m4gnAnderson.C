@@ -4,6 +4,7 @@
 #include "addToRunTimeSelectionTable.H"
 #include "m4gnCaseChecks.H"
 #include "m4gnDictionary.H"
+#include "m4gnFieldFiles.H"
 #include "m4gnLastStep.H"
 #include "pointFields.H"
 #include "surfaceFields.H"
@@ -97,16 +98,16 @@ void Foam::functionObjects::m4gnAnderson::start()
     // When it acts all others have been executed, but m4gnSurrogate jumps then
     m4gn::checkLast(*this, time_, "the next time step", "m4gnSurrogate");
 
-    string why("solids4Foam solves for no solid on the mesh " + mesh_.name());
+    why_ = "solids4Foam solves for no solid on the mesh " + mesh_.name();
     if (!m4gn::solidModel(mesh_).empty()) {
-        law_ = m4gnSolidLaw::New(mesh_, &why);
+        law_ = m4gnSolidLaw::New(mesh_, &why_);
     }
     if (law_) {
-        why = law_->cannotStep();
+        why_ = law_->cannotStep();
     }
-    if (!why.empty()) {
+    if (!why_.empty()) {
         law_.clear();
-        Info << "m4gn: " << name() << " leaves all time steps to the solver: " << why.c_str() << nl << endl;
+        Info << "m4gn: " << name() << " leaves all time steps to the solver: " << why_.c_str() << nl << endl;
     }
 }
 
@@ -292,6 +293,23 @@ bool Foam::functionObjects::m4gnAnderson::end()
     if (law_) {
         Info << "m4gn: " << nSolved_ << " time steps solved ahead in " << nCorrectors_ << " correctors and "
              << spent_ << " s, " << nLeft_ << " left to the solver" << nl << endl;
+    }
+    if (started_ && Pstream::master()) {
+        dictionary summary;
+        summary.set("time_steps_solved", nSolved_);
+        summary.set("correctors", nCorrectors_);
+        summary.set("seconds", spent_);
+        summary.set("time_steps_left", nLeft_);
+        if (!why_.empty()) {
+            summary.set("why", why_);
+        }
+        const fileName dir(
+            time_.globalPath() / "postProcessing" / name() / Time::timeName(time_.startTime().value()));
+        m4gnFieldFiles files;
+        files.write(
+            time_, dir / "summary.json", [&](Ostream& os) { os << m4gn::json(summary).c_str() << endl; },
+            true);
+        files.rename();
     }
 
     return true;

@@ -28,6 +28,7 @@ while read -r ranks name material traction part held; do
         echo "${anderson%\}*} compare no; }" > system/functions
         solve
         expect_log '^m4gn: 40 time steps solved ahead .* 0 left to the solver'
+        grep -q '"time_steps_solved": 40, .*"time_steps_left": 0}' postProcessing/anderson/0/summary.json || fail "$what: $(cat postProcessing/anderson/0/summary.json)"
         below "$(all_correctors)" "$(calc "$part*$alone")" "$what: correctors in place of $alone"
     else
         echo "$anderson" > system/functions
