@@ -75,17 +75,6 @@ fn rel_tol_is_named_where_it_refuses() {
     assert!(host.log.contains("more than relTol of what the solver changed"), "{}", host.log);
 }
 
-#[test]
-fn the_run_stops_where_that_is_asked_for() {
-    let toy = Toy::new(0.5).biased(0.5);
-    let stop = settings(r#""tolerance": 0.02, "onFailure": "stop", "patience": 3"#);
-    let mut host = Host::of(&stop, toy, 9.0);
-    fails(host.run(), &["in 3 strides in a row"]);
-    // The row of the last stride is not lost.
-    let rows = host.ride.take(crate::Text::Strides);
-    assert!(rows.lines().count() >= 1, "{rows}");
-}
-
 /// Toy is exact, but a prediction of .5 s is none of a step of .9 s.
 #[test]
 fn steps_that_have_outgrown_the_stride_are_no_errors_of_it() {
@@ -108,7 +97,11 @@ fn the_run_stops_where_the_one_of_two_that_may_jump_stays_bad() {
     let toy = Toy::new(0.5).biased(0.5);
     let stop = settings(r#""tolerance": 0.02, "onFailure": "stop", "patience": 3"#)
         .replace("\"timeStart\"", "\"surrogates\": [\"network\", \"trend\"], \"timeStart\"");
-    fails(Host::of(&stop, toy, 9.0).run(), &["in 3 strides in a row"]);
+    let mut host = Host::of(&stop, toy, 9.0);
+    fails(host.run(), &["in 3 strides in a row"]);
+    // The row of the last stride is not lost.
+    let rows = host.ride.take(crate::Text::Strides);
+    assert!(rows.lines().any(|row| !row.starts_with('#')), "{rows}");
 }
 
 #[test]
