@@ -1,7 +1,7 @@
 //! The calls that are tried, what may be odd in them, and how they end.
 
 use crate::host::*;
-use crate::{FAULT, SCENARIO, timed};
+use crate::{SCENARIO, timed};
 use m4gn_parallel::{Comm, operations_since, panic_after};
 use m4gn_samples::mesh as sample;
 use std::ffi::CString;
@@ -142,36 +142,9 @@ impl Bench {
             "segments_fit" => Ok(self.segments_fit(odd, panic)),
             "ride_new" | "ride_new_of_fit" => self.ride_new(call, odd, panic),
             "recorder_finish" => self.recorder_finish(odd, panic),
-            "session_free" | "recorder_free" | "ride_free" | "finalize" => self.last_call(call, panic),
             _ => self.ride_call(call, odd, panic),
         };
         tried.unwrap_or_else(|unmade| unmade)
-    }
-
-    /// The call that ends an object, or the library, which says nothing and has nothing that could be odd: the rank that
-    /// is to break does so in its place.
-    fn last_call(&self, call: &str, panic: Option<u32>) -> Tried {
-        let session = made(self.session_new(None, None))?;
-        let recorder = made(self.recorder_new(None, None))?;
-        let ride = match call {
-            "ride_free" => Some(self.ride(session.0)?),
-            _ => None,
-        };
-        Ok(self.made(None, || {
-            assert!(panic.is_none(), "{FAULT}");
-            match call {
-                "session_free" => drop(session),
-                "recorder_free" => drop(recorder),
-                "ride_free" => drop(ride),
-                _ => {
-                    // The library is over before they are.
-                    std::mem::forget((session, recorder));
-                    // SAFETY: once, by all ranks.
-                    unsafe { m4gn_finalize() }
-                }
-            }
-            0
-        }))
     }
 
     /// What a call's end is, where the same handle was used again: after bad input it works, after a panic it refuses, on

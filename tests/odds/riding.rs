@@ -199,11 +199,6 @@ impl Bench {
         Ok(self.begin(kind_of(call), session.0, odd, panic).0)
     }
 
-    /// A ride of a network.
-    pub fn ride(&self, session: Session) -> Result<impl Sized, Ended> {
-        made(self.begin(Kind::Network, session, None, None))
-    }
-
     /// A call on a ride that has states, and a state of it on disk.
     pub fn ride_call(&self, call: &str, odd: Option<Oddity>, panic: Option<u32>) -> Tried {
         let session = made(self.session_new(None, None))?;
