@@ -295,13 +295,6 @@ fn a_run_without_a_jump_says_why() {
 }
 
 #[test]
-fn what_is_handed_out_is_one_combination_for_all_arrays() {
-    let mut host = Host::new(SETTINGS, 0.0, 0, 20.0, solver(0.0, 1e9));
-    host.run(1e9, |h| h.jumps.len() == 1);
-    assert!(largest(&host.phi, &flux(&host.u)) < 1e-13);
-}
-
-#[test]
 fn the_largest_wave_of_a_fit_is_most_of_the_state() {
     let mut host = Host::new(SETTINGS, 0.0, 0, 20.0, solver(0.0, 1e9));
     assert!(host.ride.wave(0, 0, 1, 0).is_none(), "there is no fit");
@@ -323,6 +316,8 @@ fn an_old_level_is_a_state_on_the_way() {
     let mut host = Host::new(SETTINGS, 0.0, 0, 20.0, solver(0.0, 1e9));
     // Behind the third stride of the first jump.
     host.run(1e9, |h| h.time > 5.55);
+    // What is handed out is one combination for all arrays.
+    assert!(largest(&host.phi, &flux(&host.u)) < 1e-13);
     let (mut u, mut phi) = (vec![0.0; CELLS], vec![0.0; CELLS]);
     host.ride.old_level(DELTA_T, &mut [&mut u, &mut phi]).unwrap();
     let (own, before) = (solver(host.time, 1e9), solver(host.time - DELTA_T, 1e9));
