@@ -34,7 +34,7 @@ for handler in masterUncollated collated; do
     parallel $handler postProcess -func m4gnSegments -time 0
 done
 
-# The state of a hybrid run, at a time within a jump (0.02 to 0.04) and one after it
+# The state of a hybrid run, at a time within a jump (0.02 to 0.04); restart.sh has all kinds of times
 control writeFormat binary endTime 0.06
 surrogate "mode replace; $small timeStart 0.02; solverSteps 8; surrogateSteps 2; control { tolerance 1000; relTol 1000; }"
 for handler in masterUncollated collated; do
@@ -42,15 +42,12 @@ for handler in masterUncollated collated; do
     runs decomposePar -force -fileHandler $handler
     parallel $handler icoFoam
     keep whole processor*
-    for time in 0.03 0.05; do
-        rm -rf processor* && cp -r ../whole/processor* .
-        rm -rf processor*/0.06
-        control startTime $time
-        parallel $handler icoFoam
-        expect_log "goes on from its state at time $time"
-        for folder in processor*; do
-            [ ! -d ../whole/$folder/0.06 ] || cmp $folder/0.06/U ../whole/$folder/0.06/U || fail "$handler: another U, restarted at $time"
-        done
+    rm -rf processor*/0.06
+    control startTime 0.03
+    parallel $handler icoFoam
+    expect_log 'goes on from its state at time 0.03'
+    for folder in processor*; do
+        [ ! -d ../whole/$folder/0.06 ] || cmp $folder/0.06/U ../whole/$folder/0.06/U || fail "$handler: another U, restarted at 0.03"
     done
     control startTime 0
     echo "$handler: restarted with the same bytes"
