@@ -1,4 +1,4 @@
-// A channel of nx x ny rectangles on [0, nx] x [0, ny] as a host describes it, whole or one rank's strip of it.
+// A channel of nx x ny rectangles on [0, nx] x [0, ny] as a host describes it.
 
 #ifndef M4GN_TEST_MESH_HPP
 #define M4GN_TEST_MESH_HPP
@@ -28,51 +28,33 @@ inline std::string settings(const std::string& entries) { return "{" + entries +
 class Channel
 {
 public:
-    std::vector<int64_t> cellGlobal, boundaryGlobal, coupledGlobal;
+    std::vector<int64_t> cellGlobal, boundaryGlobal;
     std::vector<double> cellCentres, cellVolumes, faceCoeff, boundaryCentres, boundaryArea, boundaryCoeff;
-    std::vector<double> coupledDelta, coupledCoeff;
     std::vector<int32_t> faceOwner, faceNeighbour, boundaryOwner, boundaryType, boundaryPatch;
-    std::vector<int32_t> coupledOwner, coupledRank;
     std::vector<const char*> patches{"inlet", "outlet", "walls"};
     m4gn_mesh_data data{};
 
-    // The columns [nx*rank/size, nx*(rank+1)/size) are this rank's.
-    Channel(int nx, int ny, int rank = 0, int size = 1)
-        : nx_(nx), first_(nx * rank / size), last_(nx * (rank + 1) / size)
+    Channel(int nx, int ny) : nx_(nx)
     {
         for (int j = 0; j < ny; ++j) {
-            for (int i = first_; i < last_; ++i) {
-                cellGlobal.push_back(j * nx + i);
+            for (int i = 0; i < nx; ++i) {
+                cellGlobal.push_back(cell(i, j));
                 append(cellCentres, i + 0.5, j + 0.5);
                 cellVolumes.push_back(1);
-            }
-        }
-        for (int j = 0; j < ny; ++j) {
-            for (int i = first_; i < last_; ++i) {
-                if (i + 1 < last_) {
+                if (i + 1 < nx) {
                     face(cell(i, j), cell(i + 1, j));
                 }
                 if (j + 1 < ny) {
                     face(cell(i, j), cell(i, j + 1));
                 }
             }
-            if (first_ > 0) {
-                coupled(cell(first_, j), owner(first_ - 1, size), j * nx + first_ - 1, -1);
-            }
-            if (last_ < nx) {
-                coupled(cell(last_ - 1, j), owner(last_, size), j * nx + last_, 1);
-            }
         }
         // Numbered inlet, outlet, lower wall, upper wall.
         for (int j = 0; j < ny; ++j) {
-            if (first_ == 0) {
-                boundary(cell(0, j), j, 0, j + 0.5, -1, 0, M4GN_INLET, 0);
-            }
-            if (last_ == nx) {
-                boundary(cell(nx - 1, j), ny + j, nx, j + 0.5, 1, 0, M4GN_OUTLET, 1);
-            }
+            boundary(cell(0, j), j, 0, j + 0.5, -1, 0, M4GN_INLET, 0);
+            boundary(cell(nx - 1, j), ny + j, nx, j + 0.5, 1, 0, M4GN_OUTLET, 1);
         }
-        for (int i = first_; i < last_; ++i) {
+        for (int i = 0; i < nx; ++i) {
             boundary(cell(i, 0), 2 * ny + i, i + 0.5, 0, 0, -1, M4GN_WALL, 2);
             boundary(cell(i, ny - 1), 2 * ny + nx + i, i + 0.5, ny, 0, 1, M4GN_WALL, 2);
         }
@@ -85,18 +67,9 @@ public:
     int nBoundary() const { return data.n_boundary; }
 
 private:
-    int nx_, first_, last_;
+    int nx_;
 
-    int cell(int i, int j) const { return j * (last_ - first_) + i - first_; }
-
-    int owner(int i, int size) const
-    {
-        int rank = 0;
-        while (nx_ * (rank + 1) / size <= i) {
-            ++rank;
-        }
-        return rank;
-    }
+    int cell(int i, int j) const { return j * nx_ + i; }
 
     static void append(std::vector<double>& list, double x, double y)
     {
@@ -110,15 +83,6 @@ private:
         faceOwner.push_back(a);
         faceNeighbour.push_back(b);
         faceCoeff.push_back(1);
-    }
-
-    void coupled(int own, int rank, int64_t global, double dx)
-    {
-        coupledOwner.push_back(own);
-        coupledRank.push_back(rank);
-        coupledGlobal.push_back(global);
-        coupledDelta.insert(coupledDelta.end(), {dx, 0, 0});
-        coupledCoeff.push_back(1);
     }
 
     void boundary(int own, int global, double x, double y, double ax, double ay, int type, int patch)
@@ -153,18 +117,12 @@ private:
         data.boundary_coeff = boundaryCoeff.data();
         data.boundary_type = boundaryType.data();
         data.boundary_patch = boundaryPatch.data();
-        data.n_coupled = static_cast<int32_t>(coupledOwner.size());
-        data.coupled_owner = coupledOwner.data();
-        data.coupled_rank = coupledRank.data();
-        data.coupled_global = coupledGlobal.data();
-        data.coupled_delta = coupledDelta.data();
-        data.coupled_coeff = coupledCoeff.data();
         data.n_patches = static_cast<int32_t>(patches.size());
         data.patch_names = patches.data();
     }
 };
 
-// Fields that are the same functions of global numbers on any number of ranks.
+// Fields that are functions of the numbers of cells and faces.
 struct Fields
 {
     std::vector<double> U, UBoundary, p, pBoundary;
