@@ -113,7 +113,10 @@ pub(super) fn rwse(n: usize, a: &[f64], steps: usize) -> Vec<f32> {
             row.iter_mut().for_each(|x| *x /= degree);
         }
     }
-    let mut power = p.clone();
+    // A segment touches few others: products of whole rows would be n^3 work.
+    let entries = |row: &[f64]| row.iter().copied().enumerate().filter(|e| e.1 != 0.0).collect();
+    let near: Vec<Vec<(usize, f64)>> = p.chunks_exact(n.max(1)).map(entries).collect();
+    let mut power = p;
     let mut next = vec![0.0; n * n];
     let mut out = vec![0f32; n * steps];
     for step in 0..steps {
@@ -124,13 +127,10 @@ pub(super) fn rwse(n: usize, a: &[f64], steps: usize) -> Vec<f32> {
             break;
         }
         next.fill(0.0);
-        for i in 0..n {
-            for k in 0..n {
-                let w = power[i * n + k];
-                if w != 0.0 {
-                    let (row, from) = (&mut next[i * n..(i + 1) * n], &p[k * n..(k + 1) * n]);
-                    row.iter_mut().zip(from).for_each(|(x, y)| *x += w * y);
-                }
+        let rows = next.chunks_exact_mut(n.max(1)).zip(power.chunks_exact(n.max(1)));
+        for (row, weights) in rows {
+            for (w, near) in weights.iter().zip(&near).filter(|(w, _)| **w != 0.0) {
+                near.iter().for_each(|(j, y)| row[*j] += w * y);
             }
         }
         std::mem::swap(&mut power, &mut next);
