@@ -151,6 +151,14 @@ fn collectives(checks: &mut Checks) {
     let send: Vec<Vec<i64>> = (0..p).map(|s| vec![me * 100 + s; (me + s) as usize]).collect();
     let expected: Vec<Vec<i64>> = (0..p).map(|r| vec![r * 100 + me; (me + r) as usize]).collect();
     checks.that(comm.all_to_all(&send) == expected, "all_to_all");
+    // To the first rank more than goes in one operation.
+    let long = |from: i64, to: i64| -> Vec<u8> {
+        let n = if to == 0 { (1 << 24) + 1 + from } else { to };
+        (0..n).map(|i| (i / 1000 + 3 * from) as u8).collect()
+    };
+    let send: Vec<Vec<u8>> = (0..p).map(|to| long(me, to)).collect();
+    let expected: Vec<Vec<u8>> = (0..p).map(|from| long(from, me)).collect();
+    checks.that(comm.all_to_all(&send) == expected, "all_to_all of long lists");
     let gathered = comm.gather(&vec![me as f64; me as usize]);
     let all = (0..p).map(|r| vec![r as f64; r as usize]).collect();
     checks.that(gathered == (me == 0).then_some(all), "gather");

@@ -28,6 +28,9 @@ pub const NO_MPI: i32 = i32::MIN;
 /// Messages longer than this many elements are sent in pieces, since MPI counts are 32-bit.
 const PIECE: usize = 1 << 28;
 
+/// Most elements that a rank sends to all ranks together, or receives from them, in one operation.
+const TOGETHER: usize = 1 << 24;
+
 /// Elements that can be sent: numbers of fixed size.
 pub trait Element: Equivalence + Copy + Default {}
 impl Element for u8 {}
@@ -99,6 +102,30 @@ impl MpiComm {
     /// The owned communicator, for PETSc and HDF5.
     pub fn owned(&self) -> &OwnedCommunicator {
         &self.comm
+    }
+
+    /// Sends `pieces[r]` to rank r, and appends what came from it to `received[r]`.
+    fn exchange<T: Element>(&self, pieces: &[&[T]], received: &mut [Vec<T>]) {
+        let comm = self.comm.get();
+        let send_counts: Vec<i32> = pieces.iter().map(|piece| piece.len() as i32).collect();
+        let mut receive_counts = vec![0i32; pieces.len()];
+        comm.all_to_all_into(&send_counts[..], &mut receive_counts[..]);
+        let mut packed: Vec<T> = pieces.concat();
+        let mut arrived = vec![T::default(); receive_counts.iter().map(|&count| count as usize).sum()];
+        // An empty list of bytes without room has the address 1, which is OpenMPI's MPI_IN_PLACE
+        [&mut packed, &mut arrived]
+            .into_iter()
+            .filter(|list| list.is_empty())
+            .for_each(|list| list.reserve(1));
+        let outgoing = Partition::new(&packed[..], &send_counts[..], offsets(&send_counts));
+        let mut incoming = PartitionMut::new(&mut arrived[..], &receive_counts[..], offsets(&receive_counts));
+        comm.all_to_all_varcount_into(&outgoing, &mut incoming);
+        let mut rest = &arrived[..];
+        for (all, &count) in received.iter_mut().zip(&receive_counts) {
+            let (part, tail) = rest.split_at(count as usize);
+            all.extend_from_slice(part);
+            rest = tail;
+        }
     }
 
     fn reduce<T: Element>(&self, scratch: &RefCell<Vec<T>>, values: &mut [T], op: SystemOperation) {
@@ -235,28 +262,16 @@ impl Comm {
         let Comm::Mpi(m) = self else {
             return send.to_vec();
         };
-        m.meet();
-        let comm = m.comm.get();
         let size = m.size as usize;
-        let send_counts: Vec<i32> = (0..size).map(|r| send.get(r).map_or(0, |v| v.len()) as i32).collect();
-        let mut receive_counts = vec![0i32; size];
-        comm.all_to_all_into(&send_counts[..], &mut receive_counts[..]);
-        let packed: Vec<T> = send.iter().take(size).flatten().copied().collect();
-        let total: usize = receive_counts.iter().map(|&c| c as usize).sum();
-        let mut received = vec![T::default(); total];
-        let outgoing = Partition::new(&packed[..], &send_counts[..], offsets(&send_counts));
-        let mut incoming =
-            PartitionMut::new(&mut received[..], &receive_counts[..], offsets(&receive_counts));
-        comm.all_to_all_varcount_into(&outgoing, &mut incoming);
-        let mut rest = &received[..];
-        receive_counts
-            .iter()
-            .map(|&count| {
-                let (part, tail) = rest.split_at(count as usize);
-                rest = tail;
-                part.to_vec()
-            })
-            .collect()
+        let most = (TOGETHER / size).max(1);
+        let mut rounds = [send.iter().map(|list| list.len().div_ceil(most)).max().unwrap_or(0) as i64];
+        self.max_i64(&mut rounds);
+        let mut received = vec![Vec::new(); size];
+        for round in 0..rounds[0] as usize {
+            let piece = |r: usize| send.get(r).and_then(|list| list.chunks(most).nth(round)).unwrap_or(&[]);
+            m.exchange(&(0..size).map(piece).collect::<Vec<_>>(), &mut received);
+        }
+        received
     }
 
     /// Every rank's list on the root, none elsewhere. Collective.
