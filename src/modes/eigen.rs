@@ -13,8 +13,8 @@
 
 use crate::pair::Pair;
 use crate::{Mass, Problem, Request, Rows};
-use m4gn_base::Result;
 use m4gn_base::plugin::{Description, Plugin};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_model::modal::ModalSolver;
 use m4gn_parallel::Comm;
 use std::borrow::Cow;
@@ -103,7 +103,7 @@ struct Host<'a> {
 /// matrices are not read any more. Collective; all ranks fail together.
 ///
 /// # Errors
-/// [`m4gn_base::Error::File`] where the library is not found; what the library reports.
+/// [`Error::File`] where the library is not found; [`Error::Input`] for more than PETSc counts; what the library reports.
 pub(crate) fn eigenpairs(comm: &Comm, problem: &mut Cow<Problem>, request: &Request) -> Result<Vec<Pair>> {
     let prepared = library().and_then(|library| {
         // SAFETY: the type is that of the interface.
@@ -115,7 +115,9 @@ pub(crate) fn eigenpairs(comm: &Comm, problem: &mut Cow<Problem>, request: &Requ
     comm.agree(m4gn_parallel::start())?;
     announce_end();
     let mut sizes = [problem.stiffness.n() as i64, problem.stiffness.column.len() as i64];
+    let entries = sizes[1].max(problem.mass.values().len() as i64);
     comm.sum_i64(&mut sizes);
+    comm.agree(countable(sizes[0], entries))?;
     let raw = RawProblem {
         comm: comm.fortran(),
         block: request.block,
@@ -147,6 +149,17 @@ pub(crate) fn eigenpairs(comm: &Comm, problem: &mut Cow<Problem>, request: &Requ
     let status = unsafe { call(&raw, &calls) };
     library.check(status)?;
     Ok(host.pairs)
+}
+
+/// Whether PETSc's 32-bit integers count the unknowns of all ranks, and the entries of a matrix on this one.
+fn countable(unknowns: i64, entries: i64) -> Result<()> {
+    let most = i64::from(i32::MAX);
+    refuse(unknowns > most || entries > most, Error::Input, || {
+        format!(
+            "modes of {unknowns} unknowns, with {entries} entries of K or M on one rank: PETSc's integers count to {most}; \
+             use more ranks where the entries are too many, else the method metis, which needs no modes"
+        )
+    })
 }
 
 /// Has PETSc ended before MPI.
@@ -201,5 +214,19 @@ pub unsafe fn slice<'a, T>(data: *const T, n: usize) -> &'a [T] {
         0 => &[],
         // SAFETY: as promised.
         _ => unsafe { std::slice::from_raw_parts(data, n) },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_than_petsc_counts_is_refused() {
+        let most = i64::from(i32::MAX);
+        countable(most, most).unwrap();
+        for (unknowns, entries) in [(most + 1, 7), (7, most + 1)] {
+            m4gn_samples::fails(countable(unknowns, entries), &["2147483648", "use more ranks"]);
+        }
     }
 }

@@ -88,9 +88,6 @@ impl Problem {
         let n = self.stiffness.n();
         let mut total = [n as i64, self.positions.len() as i64];
         comm.sum_i64(&mut total);
-        refuse(total[0] > i64::from(i32::MAX), Error::Input, || {
-            format!("{} unknowns: PETSc's integers count to {}", total[0], i32::MAX)
-        })?;
         self.stiffness.check("K", n, total[0])?;
         match &self.mass {
             Mass::Matrix(rows) => rows.check("M", n, total[0])?,
