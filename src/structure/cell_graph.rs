@@ -112,6 +112,27 @@ pub(super) struct Root {
     cells: Vec<Vec<i64>>,
 }
 
+/// Cells of all ranks. Collective; all ranks fail together.
+///
+/// # Errors
+/// [`Error::Input`] for more cells, or neighbours of cells, than METIS counts.
+pub(super) fn counted(mesh: &Mesh, comm: &Comm) -> Result<usize> {
+    let cells = comm.total(mesh.n_cells());
+    // Each face has a cell on either side.
+    fits(cells, comm.total(2 * mesh.face_owner.len() + mesh.coupled.len()))?;
+    Ok(cells as usize)
+}
+
+/// Whether METIS's 32-bit integers count a graph.
+fn fits(cells: i64, neighbours: i64) -> Result<()> {
+    let most = i64::from(i32::MAX);
+    refuse(cells.max(neighbours) > most, Error::Input, || {
+        format!(
+            "{cells} cells with {neighbours} neighbours together: METIS counts to {most}, expected a mesh of fewer cells"
+        )
+    })
+}
+
 /// Numbers of this rank's cells in the order of the places of all ranks' cells. Collective.
 pub(super) fn by_place(mesh: &Mesh, comm: &Comm) -> Vec<i64> {
     let cells = comm.gather(&mesh.cell_global);
@@ -135,16 +156,14 @@ impl Root {
     /// Gathers the graph on the root, none elsewhere; and the numbers of this rank's cells there. Collective.
     ///
     /// # Errors
-    /// [`Error::Input`] for more cells than METIS counts.
+    /// As [`counted`].
     pub fn gather(mesh: &Mesh, graph: &mut Graph, comm: &Comm) -> Result<(Option<Self>, Vec<i64>)> {
-        let total = comm.total(mesh.n_cells());
-        let most = i64::from(i32::MAX / 2);
-        refuse(total > most, Error::Input, || format!("{total} cells: METIS counts to {most}"))?;
+        let total = counted(mesh, comm)?;
         let number = by_place(mesh, comm);
         let pairs = comm.gather(&numbered_pairs(&number, graph, comm));
         let root = pairs.zip(comm.gather(&number)).map(|(pairs, cells)| {
             let pairs = pairs.concat();
-            Root { graph: CellGraph::new(total as usize, pairs.as_chunks::<2>().0), cells }
+            Root { graph: CellGraph::new(total, pairs.as_chunks::<2>().0), cells }
         });
         Ok((root, number))
     }
@@ -200,6 +219,14 @@ pub(super) mod tests {
         let g = CellGraph::new(4, &[[2, 1], [0, 2], [1, 2], [0, 2], [0, 1]]);
         assert_eq!(g.row, [0, 2, 4, 6, 6]);
         assert_eq!(g.column, [1, 2, 0, 2, 0, 1]);
+    }
+
+    /// 400 million hexahedra have six neighbours each.
+    #[test]
+    fn more_than_metis_counts_is_refused() {
+        fits(300_000_000, 1_800_000_000).unwrap();
+        m4gn_samples::fails(fits(400_000_000, 2_400_000_000), &["2400000000 neighbours", "2147483647"]);
+        m4gn_samples::fails(fits(3_000_000_000, 0), &["3000000000 cells"]);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Which cells form a group: METIS on the undecomposed graph of cells numbered by their places, without the couplings of cyclic patches.
 
-use crate::cell_graph::{CellGraph, by_place};
+use crate::cell_graph::{CellGraph, by_place, counted};
 use crate::partition::partition_finely;
 use m4gn_base::Result;
 use m4gn_mesh::vector::norm;
@@ -70,6 +70,7 @@ pub(super) fn agglomerate(
     if 4 * wanted > 3 * n {
         return Ok(None);
     }
+    counted(mesh, comm)?;
     let number: Vec<i32> = by_place(mesh, comm).into_iter().map(|i| i as i32).collect();
     let behind = links.behind(mesh, &number, comm);
     let mut pairs: Vec<i32> = Vec::new();
