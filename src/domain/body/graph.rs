@@ -2,7 +2,7 @@
 //! every step.
 //!
 //! World edges lead from the obstacle's points to the points of the skin within the radius. None leads back: the
-//! obstacle's motion is prescribed, nothing acts on it. Its points are nodes of the first rank and ghosts of all others,
+//! obstacle's motion is prescribed, nothing acts on it. Its points are nodes of the first rank with points and ghosts of all others,
 //! so that the exchange stays the same while world edges come and go.
 
 mod edges;
@@ -20,14 +20,14 @@ use m4gn_model::ModelSpec;
 use m4gn_parallel::{Comm, Halo};
 use m4gn_structure::graph::Graph;
 
-/// Bodies at points with an obstacle. Its nodes are its own points, on the first rank the obstacle's, and ghosts.
+/// Bodies at points with an obstacle. Its nodes are its own points, on the first rank with points the obstacle's, and ghosts.
 #[derive(Clone, Debug)]
 pub struct Body {
     pub(super) components: Components,
     pub(super) boundary: Boundary,
     /// Within which the obstacle's points are joined to the skin's, m.
     pub(super) radius: f64,
-    /// Own nodes: points, then, on the first rank, the obstacle's.
+    /// Own nodes: points, then, on the first rank with points, the obstacle's.
     pub(super) n_owned: usize,
     /// Own nodes and ghosts.
     pub(super) n_local: usize,
@@ -56,14 +56,15 @@ impl Body {
         let contact = spec.contact.unwrap_or_default();
         let sizes = part.mesh.check(comm)?;
         let (n, q) = (part.mesh.n_cells(), part.obstacle.len());
-        let here = if comm.is_root() { q } else { 0 };
+        let is_first = comm.rank() == part.first;
+        let here = if is_first { q } else { 0 };
         let n_owned = n + here;
         let number = |point: usize| sizes.cells + point as i64;
         let mut global = part.mesh.cell_global.clone();
         global.extend((0..here).map(number));
         let mut ghosts: Vec<(i32, i64)> = part.mesh.coupled.iter().map(|c| (c.rank, c.global)).collect();
-        if !comm.is_root() {
-            ghosts.extend((0..q).map(|p| (0, number(p))));
+        if !is_first {
+            ghosts.extend((0..q).map(|p| (part.first, number(p))));
         }
         ghosts.sort_unstable();
         ghosts.dedup();
@@ -75,9 +76,9 @@ impl Body {
                 .map_err(|_| Error::Internal(format!("point {global} of rank {rank} is no ghost")))
         };
         let obstacle_nodes = || -> Result<Vec<i32>> {
-            let node = |p: usize| match comm.is_root() {
+            let node = |p: usize| match is_first {
                 true => Ok((n + p) as i32),
-                false => ghost(0, number(p)),
+                false => ghost(part.first, number(p)),
             };
             (0..q).map(node).collect()
         };
@@ -93,7 +94,7 @@ impl Body {
         for (&a, &b) in part.mesh.face_owner.iter().zip(&part.mesh.face_neighbour) {
             both(a, b, sub(x[b as usize], x[a as usize]));
         }
-        for [a, b] in part.obstacle_edges.iter().filter(|_| comm.is_root()) {
+        for [a, b] in part.obstacle_edges.iter().filter(|_| is_first) {
             let rest = sub(part.obstacle[*b as usize], part.obstacle[*a as usize]);
             both(n as i32 + a, n as i32 + b, rest);
         }

@@ -27,7 +27,7 @@ impl Body {
             self.obstacle_nodes.iter().map(|&node| rows[node as usize]).collect()
         };
         let (now, after) = (&of_obstacle(displacement)[..], &of_obstacle(next)[..]);
-        // Only the first rank has rows of the obstacle.
+        // Only one rank has rows of the obstacle.
         let rows = inputs.chunks_exact_mut(width).skip(self.n_points());
         for (row, (now, after)) in rows.zip(now.iter().zip(after)) {
             (0..3).for_each(|i| row[fields + i] = after[i] - now[i]);

@@ -59,8 +59,8 @@ impl Made {
         };
         let sequence = Structure::sequence_of(segments.as_ref(), needs, &part.mesh, comm)?;
         let mut walk = m4gn_structure::node_walk(&segments::without_obstacle(&part), needs.walk, comm)?;
-        // The obstacle's points are nodes of the first rank.
-        if comm.is_root() {
+        // The obstacle's points are nodes of the first rank with points.
+        if comm.rank() == part.first {
             let pairs = &part.obstacle_edges;
             walk.extend(m4gn_structure::walk_of_pairs(part.obstacle.len(), pairs, needs.walk));
         }

@@ -10,7 +10,7 @@ use m4gn_mesh::{BoundaryFace, CoupledFace, Mesh, NodeType};
 #[derive(Clone, Debug, PartialEq)]
 pub struct BodyPart {
     /// The dual mesh: a point is a cell with a share of the volumes around it, an edge the face between two. The
-    /// obstacle's points are the boundary, on the first rank only.
+    /// obstacle's points are the boundary, on rank `first` only.
     pub mesh: Mesh,
     /// What each own point is.
     pub types: Vec<NodeType>,
@@ -24,6 +24,8 @@ pub struct BodyPart {
     pub triangles: Vec<[i32; 3]>,
     /// Own points, as numbers of the whole body.
     pub points: Vec<u32>,
+    /// Rank of the obstacle's nodes: the first that has points of the body.
+    pub first: i32,
 }
 
 impl BodyPart {
@@ -44,6 +46,7 @@ impl BodyPart {
         if ranks.len() != n {
             return Err(Error::Input(format!("ranks of {} points for a body of {n} points", ranks.len())));
         }
+        let first = ranks.iter().copied().min().unwrap_or(0);
         let volumes = dual_volumes(&body.elements, &body.positions)?;
         let skin = skin(body);
         let points: Vec<u32> = (0..n as u32).filter(|&p| ranks[p as usize] == rank).collect();
@@ -83,7 +86,7 @@ impl BodyPart {
                 }
             }
         }
-        if let Some(obstacle) = obstacle.filter(|_| rank == 0) {
+        if let Some(obstacle) = obstacle.filter(|_| rank == first) {
             mesh.boundary = boundary(&obstacle.positions);
         }
         Ok(BodyPart {
@@ -94,6 +97,7 @@ impl BodyPart {
             obstacle_edges: obstacle.map_or(Vec::new(), |o| edges(&o.triangles)),
             mesh,
             points,
+            first,
         })
     }
 }
