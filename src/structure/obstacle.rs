@@ -1,6 +1,6 @@
 //! Distance to the obstacle: the feature of SLIC-MDOD_l and SLIC-MDOD_e (eq. 14).
 
-use super::wall_pieces::{Piece, wall_pieces};
+use super::wall_pieces::{Piece, first_of, wall_pieces};
 use m4gn_base::{Error, Result};
 use m4gn_mesh::Extent;
 use m4gn_mesh::nearest::Nearest;
@@ -8,7 +8,7 @@ use m4gn_mesh::vector::Vector;
 use m4gn_mesh::{BoundaryFace, Mesh, NodeType};
 use m4gn_model::{SegmentMethod, SegmentSpec};
 use m4gn_parallel::{Comm, everywhere};
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 
 /// Distances count as at least this fraction of S: the logarithm of zero is not a feature.
 const LEAST: f64 = 1e-6;
@@ -105,7 +105,10 @@ fn obstacle_faces<'a>(
                 mesh.directions.iter().map(|&d| format!("{:.4}", piece.centre[d])).collect();
             format!("{} ({} faces around {} m)", name(piece), piece.faces.len(), at.join(" "))
         };
-        pieces.iter().map(of).collect::<Vec<_>>().join(", ")
+        first_of(pieces.iter().map(of))
+    };
+    let faces_of = |pieces: &[&Piece]| -> HashSet<i64> {
+        pieces.iter().flat_map(|piece| piece.faces.iter().copied()).collect()
     };
     if !obstacles.is_empty() {
         let asked: Vec<&Piece> = pieces.iter().filter(|piece| others.contains(&&name(piece))).collect();
@@ -126,18 +129,15 @@ fn obstacle_faces<'a>(
             obstacles.iter().filter(|o| !missing.contains(o)).map(String::as_str).collect();
         let mut note = format!("what the setting obstacles names, {}", there.join(", "));
         missing.iter().for_each(|name| note += &format!("; no face is of {name}"));
-        let faces = all(&|b| {
-            there.contains(&patch(b))
-                || b.kind == NodeType::Wall && asked.iter().any(|piece| piece.faces.contains(&b.global))
-        });
+        let named = faces_of(&asked);
+        let faces = all(&|b| there.contains(&patch(b)) || named.contains(&b.global));
         return Ok((faces, note));
     }
     let inner: Vec<&Piece> = pieces.iter().filter(|piece| !piece.at_box).collect();
     if !inner.is_empty() {
-        let faces =
-            all(&|b| b.kind == NodeType::Wall && inner.iter().any(|piece| piece.faces.contains(&b.global)));
+        let of_inner = faces_of(&inner);
         return Ok((
-            faces,
+            all(&|b| of_inner.contains(&b.global)),
             format!("the pieces of walls that do not reach the box around the mesh, {}", said(&inner)),
         ));
     }

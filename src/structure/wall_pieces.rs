@@ -6,7 +6,7 @@ use m4gn_mesh::nearest::Nearest;
 use m4gn_mesh::vector::{Vector, bounds, norm, sub};
 use m4gn_mesh::{BoundaryFace, Mesh, NodeType};
 use m4gn_parallel::{Comm, everywhere};
-use std::collections::{BTreeMap, HashSet};
+use std::collections::BTreeMap;
 
 /// Faces of a patch hang together if they are not farther apart than this times the larger of their distances to the next face: twice the
 /// length of a face where lengths halve from one to the next.
@@ -14,6 +14,9 @@ const REACH: f64 = 2.0;
 
 /// Faces closer than this, over the diagonal of the box around the walls, are at one place.
 const SAME: f64 = 1e-9;
+
+/// Most pieces of walls that are named: a bed of particles has thousands.
+const NAMED: usize = 100;
 
 /// A connected piece of the walls of a patch, of all ranks.
 #[derive(Clone, Debug)]
@@ -23,11 +26,18 @@ pub(super) struct Piece {
     /// Number among the pieces of its patch, in the order of their places, from 1.
     pub number: usize,
     /// Global numbers of its faces.
-    pub faces: HashSet<i64>,
+    pub faces: Vec<i64>,
     /// Mean of its faces' centres, m.
     pub centre: Vector,
     /// Whether a face of it is on the box around the mesh.
     pub at_box: bool,
+}
+
+/// The first of what is said of pieces, and how many there are besides.
+pub(super) fn first_of(all: impl ExactSizeIterator<Item = String>) -> String {
+    let rest = all.len().saturating_sub(NAMED);
+    let more = (rest > 0).then(|| format!("and {rest} more"));
+    all.take(NAMED).chain(more).collect::<Vec<_>>().join(", ")
 }
 
 /// A wall's face on any rank.
@@ -148,6 +158,14 @@ fn join_near(walls: &[Wall], faces: &[usize], joined: &mut Joined) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn of_many_pieces_the_first_are_named() {
+        let said = |n: usize| first_of((0..n).map(|i| i.to_string()));
+        assert_eq!(said(3), "0, 1, 2");
+        assert!(said(NAMED).ends_with("98, 99"));
+        assert!(said(NAMED + 2).ends_with("98, 99, and 2 more"));
+    }
 
     /// Against looking at all pairs: three clusters, graded towards a corner, and faces at one place.
     #[test]
