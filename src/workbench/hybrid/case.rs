@@ -135,6 +135,9 @@ impl Job<'_> {
         let times = format!("{} {} {} {}", s.start_up, s.end, s.interval, s.solver_time);
         digest.add("schedule", times.as_bytes());
         digest.add("patch", s.patch.as_deref().unwrap_or_default().as_bytes());
+        if loads_ours(&files) {
+            digest.add("libraries", self.libraries.text().as_bytes());
+        }
         if answers.is_some() {
             digest.add("averages", self.averages.text().as_bytes());
         }
@@ -292,8 +295,31 @@ impl Job<'_> {
     }
 }
 
+/// Whether a case's own files load our library, as for an accelerator of a plain solver, be it on or off.
+fn loads_ours(files: &Files) -> bool {
+    const OURS: &[u8] = b"m4gnFoam";
+    files.iter().any(|(_, bytes)| bytes.windows(OURS.len()).any(|part| part == OURS))
+}
+
 /// Whether a function object's entries have the dictionary `control`.
 fn controlled(entries: &str) -> bool {
     let mut words = entries.split(|c: char| c.is_whitespace() || "{};".contains(c));
     words.any(|word| word == "control")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::family::Family;
+
+    #[test]
+    fn plain_runs_with_an_accelerator_are_made_from_the_library_that_has_it() {
+        let loads = |name: &str| {
+            let home = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../openfoam/templates");
+            let family = Family::load(&home.join(name)).unwrap();
+            let draw = family.draw(1, 0, &Settings::new()).unwrap();
+            loads_ours(&family.files(&draw, Times { delta_t: 1.0, end: 1.0, write_interval: 1.0 }).unwrap())
+        };
+        assert_eq!(["vibrating-rubber", "pressed-rubber", "cylinder-flow"].map(loads), [true, true, false]);
+    }
 }
