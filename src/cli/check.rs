@@ -56,7 +56,7 @@ pub fn run(args: Args) -> Result<()> {
         seconds: args.seconds,
         stop: stop_flag()?,
     };
-    let checked = check::run(&plan)?;
+    let checked = check::run(&plan).map_err(of_seconds)?;
     tell(&checked);
     let value = serde_json::to_value(&checked).map_err(|e| Error::Internal(e.to_string()))?;
     write_json(args.json.as_deref(), &value)?;
@@ -69,6 +69,16 @@ pub fn run(args: Args) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// The time of programs follows from `--seconds`.
+fn of_seconds(error: Error) -> Error {
+    let own = |message: String| message.replace("--timeout", "--seconds");
+    match error {
+        Error::Input(message) => Error::Input(own(message)),
+        Error::File { path, message } => Error::File { path, message: own(message) },
+        error => error,
+    }
 }
 
 fn tell(checked: &Checked) {

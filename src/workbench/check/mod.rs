@@ -317,7 +317,7 @@ fn random(copy: &Copy, config: &Path, report: &Report, room: &Path, tools: &Surr
         let log = excerpt(&copy.folder.join(format!("log.{}", program(&solver))));
         match e {
             Error::Interrupted(_) => e,
-            e => Error::Input(words(copy, &log::words(&log, &e))),
+            e => Error::Input(words(copy, &log::words(&log, &e)).replace("--timeout", "--seconds")),
         }
     })?;
     let request = Request {

@@ -43,7 +43,7 @@ pub(crate) fn warnings(log: &str) -> Vec<String> {
 /// What a program said when it failed: OpenFOAM's error, or its own end.
 pub(crate) fn words(log: &str, error: &Error) -> String {
     let said = match error {
-        Error::File { message, .. } => message.replace("--timeout", "--seconds"),
+        Error::File { message, .. } => message.clone(),
         error => error.to_string(),
     };
     fatal(log).map_or(said, |(text, _)| text)
@@ -92,6 +92,8 @@ mod tests {
         let failed = Error::file("log.icoFoam", "icoFoam failed (exit status: 1)");
         assert_eq!(words(refused, &failed), text);
         assert_eq!(words("Time = 3", &failed), "icoFoam failed (exit status: 1)");
+        let late = "icoFoam was ended after 9 s (--timeout)";
+        assert_eq!(words("Time = 3", &Error::file("log.icoFoam", late)), late);
     }
 
     #[test]
