@@ -144,6 +144,8 @@ fn an_unknown_placeholder_is_told() {
         ("[[parameter]]\nname = 'a'\n", "either 'range'"),
         ("[[parameter]]\nname = 'deltaT'\nvalue = 1\n", "cannot be the name"),
         ("[[derived]]\nname = 'b'\n", "value"),
+        ("label = 'of @size@ m'\n", "label: @size@"),
+        (ANSWERS, "hybrid.answers: functions: @speed@"),
     ] {
         let text = match bad.starts_with('[') {
             true => format!("{text}{bad}"),
@@ -153,6 +155,9 @@ fn an_unknown_placeholder_is_told() {
         fails(Family::load(&folder), &["family.toml", words]);
     }
 }
+
+const ANSWERS: &str = "[hybrid]\nstart_up = 1\nend = 3\ninterval = 1\nsolver_time = 1\nsurrogate_steps = 1\n\
+                       [hybrid.answers]\nend = 3\nmin_time = 1\nquantities = ''\nfunctions = 'a { magUInf @speed@; }'\n";
 
 #[test]
 fn another_case_is_told_from_this_one() {

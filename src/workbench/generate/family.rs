@@ -4,6 +4,7 @@
 //! `@writeInterval@`; its `controlDict` includes `system/functions`, which the command writes. docs/reference/families.md describes
 //! every key.
 
+use super::case::fill;
 use super::command::Command;
 use super::expression::{self, Variables};
 use super::parameter::{self, Parameter, Setting, Settings, Value, check_decimals, is_word, rounded, shown};
@@ -237,6 +238,17 @@ impl Family {
         if let Some(field) = r.fields.iter().find(|f| f.is_empty() || plain(f)) {
             return fault(format!("recording: '{field}' is no name of a field"));
         }
+        let unknown = |text: &str| fill(text, |name| names.contains(&name).then(String::new)).1;
+        let functions =
+            self.hybrid.iter().flat_map(|h| &h.answers).map(|a| ("hybrid.answers: functions", &a.functions));
+        for (what, text) in [("label", &self.label)].into_iter().chain(functions) {
+            if let Some(name) = unknown(text) {
+                return fault(format!(
+                    "{what}: @{name}@ stands for no quantity: expected one of {}",
+                    listed(&names)
+                ));
+            }
+        }
         let Some(hybrid) = &self.hybrid else { return Ok(()) };
         hybrid.check()?;
         self.check_settings(&hybrid.set)?;
@@ -400,7 +412,7 @@ impl Hybrid {
 impl Draw {
     /// The text with each `@name@` of the family replaced.
     pub fn text(&self, template: &str) -> String {
-        super::case::fill(template, |name| self.variables.get(name).map(f64::to_string)).0
+        fill(template, |name| self.variables.get(name).map(f64::to_string)).0
     }
 }
 
