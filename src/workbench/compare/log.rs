@@ -66,6 +66,8 @@ impl Log {
             }
             if let Some(rest) = line.strip_prefix("Create mesh for time =") {
                 said = said.or_else(|| rest.trim().parse().ok());
+                // A process begins, whose first step may take longer than all of the one before
+                last = f64::INFINITY;
             }
             ended |= line == "End";
         }
@@ -144,5 +146,8 @@ mod tests {
         let found = log(text).unwrap();
         assert_eq!((found.start, found.end()), (3.0, 5.0));
         assert_eq!(found.at(5.0), Clock { processor: 7.0, wall: Some(9.0) });
+        // The later one loads for longer than the first has run
+        let found = log(&text.replace("= 2 s  ClockTime = 3", "= 8 s  ClockTime = 9")).unwrap();
+        assert_eq!(found.at(5.0), Clock { processor: 13.0, wall: Some(15.0) });
     }
 }
