@@ -84,6 +84,9 @@ fn compare_gives_the_errors_on_paper() {
     fs::write(folder.join("summary.json"), summary).unwrap();
     let (_, found) = runs.compared(&[]);
     assert_eq!((found["times"][0].as_f64(), found["replaced_fraction"].as_f64()), (Some(3.0), Some(0.5)));
+    let (text, found) = runs.compared(&["--from", "1"]);
+    assert_eq!(found["times"][0].as_f64(), Some(2.0));
+    assert!(text.contains("2 common times; errors from 1 s"), "{text}");
 }
 
 /// The ducts with a temperature in both cells, of the full run 300, 301, 302 K, of the hybrid 300, 302, 302 K at t = 1, 2, 3.
@@ -259,8 +262,8 @@ fn compare_refuses_what_cannot_be_compared() {
     fails(&of("/tmp/my case"), "has the character ' '");
     refused(&["--patch", "wing"], "its patches are inlet, outlet, body, sides");
     refused(&["--probe-patch", "outlet"], "of a solid");
-    refused(&["--from", "0.5"], "took over at 0.5 s");
-    refused(&["--from", "3"], "took over at 3 s");
+    refused(&["--from", "0.5"], "count from 0.5 s on");
+    refused(&["--from", "3"], "count from 3 s on");
     // Another mesh.
     let points =
         "12((0 0 0)(0 1 0)(0 1 1)(0 0 1)(0.4 0 0)(0.4 1 0)(0.4 1 1)(0.4 0 1)(1 0 0)(1 1 0)(1 1 1)(1 0 1))";

@@ -77,9 +77,10 @@ pub fn run(args: Args) -> Result<()> {
         "{} cells, {} common times; {} {} s\n",
         comparison.cells,
         comparison.times.len(),
-        match comparison.surrogate {
-            Some(_) => "the surrogate took over at",
-            None => "no surrogate found; errors from",
+        match (args.from, &comparison.surrogate) {
+            (Some(_), _) => "errors from",
+            (None, Some(_)) => "the surrogate took over at",
+            (None, None) => "no surrogate found; errors from",
         },
         comparison.takeover
     );

@@ -90,7 +90,7 @@ pub fn common_times(a: &FoamCase, b: &FoamCase, takeover: Option<f64>) -> Result
     match hold {
         Some(hold) if !after.is_empty() => Ok((hold, after)),
         _ => Err(Error::Input(format!(
-            "the surrogate took over at {takeover} s, and there must be common stored times both up to then and after: {}, {}",
+            "errors are to count from {takeover} s on (--from, or the surrogate's takeover), and there must be common stored times both up to then and after: {}, {}",
             name(a),
             name(b)
         ))),
