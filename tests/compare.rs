@@ -230,6 +230,8 @@ fn times_are_those_of_the_same_span_and_of_runs_that_ended() {
         fs::write(case.join(file), format!("Create mesh for time = 0\n\n{steps}{end}")).unwrap();
     };
     log(&runs.a, &[40.0, 80.0, 440.0], "End\n");
+    let (text, _) = runs.compared(&[]);
+    assert!(text.contains("no times of the logs: ") && text.contains("/b/log."), "{text}");
     log(&runs.b, &[10.0, 20.0], "End\n");
     let (text, found) = runs.compared(&[]);
     assert_eq!(found["span"], serde_json::json!([0.0, 2.0]));

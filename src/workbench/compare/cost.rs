@@ -34,11 +34,16 @@ impl Cost {
     pub(super) fn of(a: &FoamCase, b: &FoamCase, takeover: f64, options: &Options) -> Self {
         let [a, b] = [a, b].map(|case| {
             let d = case.description();
-            Log::read(Path::new(&d.path), &d.application)
+            Log::read(Path::new(&d.path), &d.application).ok_or_else(|| {
+                format!(
+                    "expected lines 'ExecutionTime = .. s' in {}/log.{}, found none",
+                    d.path, d.application
+                )
+            })
         });
         let cost = match (a, b) {
-            (Some(a), Some(b)) => Cost::of_logs(&a, &b, takeover),
-            _ => Cost::default(),
+            (Ok(a), Ok(b)) => Cost::of_logs(&a, &b, takeover),
+            (Err(why), _) | (_, Err(why)) => Cost { without_logs: Some(why), ..Cost::default() },
         };
         Cost {
             wall_a: options.wall_a.or(cost.wall_a),
