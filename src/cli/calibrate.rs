@@ -128,7 +128,8 @@ pub fn run(args: Args) -> Result<()> {
             "note: {} trajectories cannot tell of more than {:.3}; a coverage of {asked} takes at least {}",
             calibration.trajectories,
             calibration.coverage,
-            (asked / (1.0 - asked)).ceil()
+            // Rounding must not ask for one more
+            (asked / (1.0 - asked) * (1.0 - 1e-9)).ceil()
         );
     }
     if let Some(out) = &args.out {
