@@ -14,6 +14,9 @@ use std::path::Path;
 /// Folder of a case that has them.
 const TABLES: &str = "postProcessing";
 
+/// Values from here on are none: OpenFOAM writes -1e+300 for a probe that is in no cell.
+const UNSET: f64 = 1e299;
+
 /// The rows of all parts of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Table {
@@ -58,10 +61,10 @@ impl Table {
         Table { columns, rows }
     }
 
-    /// What is finite of a figure of each row.
+    /// A figure of each row, where it is finite and set.
     fn series(&self, of: impl Fn(&[f64]) -> f64) -> Series {
         let all = self.rows.iter().map(|row| (row[0], of(row)));
-        let (times, values) = all.filter(|(_, value)| value.is_finite()).unzip();
+        let (times, values) = all.filter(|(_, value)| value.abs() < UNSET).unzip();
         Series { times, values }
     }
 
@@ -202,5 +205,21 @@ mod tests {
             "rows without lift"
         );
         assert_eq!(Table::read(dir.path(), "p", "U").unwrap().column(2).values, [2.0, 5.0]);
+        // The second probe is outside of the mesh
+        let rows: String = (1..10).map(|t| format!("{t} {} -1e+300\n", t % 2)).collect();
+        fixtures::write(dir.path(), &[("postProcessing/q/0/p", &format!("#        Time\n{rows}"))]);
+        let case = Description {
+            path: dir.path().display().to_string(),
+            functions: vec![FunctionObject {
+                name: "q".into(),
+                kind: "probes".into(),
+                ..FunctionObject::default()
+            }],
+            ..Description::default()
+        };
+        let found = probes([&case, &case], 0.0);
+        assert_eq!(found.len(), 2);
+        assert_eq!(found[1].statistics, [Statistics::default(); 2]);
+        assert!(super::rows(&found).iter().all(|row| row.0.ends_with("column 1")));
     }
 }
