@@ -266,7 +266,10 @@ impl Job<'_> {
                 ),
             ));
         }
-        let score = Score { replaced, ..Score::of(&compared, stride, strides) };
+        let full = Log::read(&folder.join(FULL), program(&plan.family.solver));
+        let solver_pace =
+            full.map(|log| log.between(compared.takeover, last).processor / (last - compared.takeover));
+        let score = Score { replaced, solver_pace, ..Score::of(&compared, stride, strides) };
         Ok((score, compared.json()?))
     }
 

@@ -53,6 +53,8 @@ pub struct Score {
     pub replaced: Option<f64>,
     /// Seconds that the surrogate worked for a second of what it replaced, without what the hand-overs took; none of a plain solver.
     pub pace: Option<f64>,
+    /// Processor seconds of the full run for a second behind the takeover of this one.
+    pub solver_pace: Option<f64>,
     /// Of runs that end where they know: the largest error of a figure, over the full run's.
     pub answer: Option<f64>,
     /// Share of the figures whose interval does not meet the full run's.

@@ -69,12 +69,10 @@ pub(super) fn relative_time(draw: &DrawResult, run: &RunRecord) -> Option<f64> {
 }
 
 /// Wall time of the full run for what the surrogate replaced, over the wall time that the surrogate worked for it. The full run's
-/// wall time of the stretch is the share of the whole that its processor time has.
+/// wall time behind this run's takeover is the share of the whole that its processor time has.
 fn times_as_fast(draw: &DrawResult, run: &RunRecord) -> Option<f64> {
     let (full, score) = (&draw.full.as_ref()?.cost, score(run)?);
-    let simulated = score.horizons[2];
-    let wall = full.after_takeover * full.wall / full.processor;
-    (simulated > 0.0 && full.processor > 0.0).then_some(wall / simulated / score.pace?)
+    (full.processor > 0.0).then_some(score.solver_pace? * full.wall / full.processor / score.pace?)
 }
 
 fn text(value: Option<f64>) -> String {
