@@ -110,7 +110,7 @@ fn stretches(all: &mut [Verified], times: &[f64]) -> Vec<(usize, Stretch)> {
     let mut found = Vec::new();
     for i in 0..all.len() {
         let Some(stretch) = all[i].jump.stretch(times) else {
-            all[i].why = Some("nothing is written in it".into());
+            all[i].why = Some("no times are there to recompute it from and to compare at".into());
             continue;
         };
         let (from, to) = (times[stretch.from], times[stretch.to[stretch.to.len() - 1]]);
@@ -267,7 +267,13 @@ mod tests {
         assert_eq!(all.iter().map(|j| j.earlier_jumps).collect::<Vec<_>>(), [0, 1, 0]);
         let report = Report { jumps: all, ..Report::default() };
         let notes = report.notes().join("\n");
-        for text in ["in 1 the errors", "2 are compared within", "1 cannot be verified", "writeJumps yes;"] {
+        for text in [
+            "in 1 the errors",
+            "2 are compared within",
+            "1 cannot be verified",
+            "writeJumps yes;",
+            "purgeWrite 0;",
+        ] {
             assert!(notes.contains(text), "{notes}");
         }
         assert!(report.fault().unwrap().contains("no jump"));

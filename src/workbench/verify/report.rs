@@ -81,11 +81,13 @@ impl Report {
             notes.push(format!("{part} are compared within the jump: nothing is written where they end"));
         }
         if open > 0 {
-            notes.push(format!("{open} cannot be verified: nothing is written in them"));
+            notes.push(format!(
+                "{open} cannot be verified: no times are there to recompute them from and to compare at"
+            ));
         }
         if earlier + part + open > 0 {
             notes.push(
-                "writeJumps yes; in the dictionary of m4gnSurrogate writes where each jump begins and ends"
+                "writeJumps yes; in the dictionary of m4gnSurrogate writes where each jump begins and ends, purgeWrite 0; in controlDict keeps it"
                     .into(),
             );
         }
