@@ -4,7 +4,7 @@ use super::Options;
 use super::report::{Row, both_runs};
 use super::series::{FEWEST, Series, relative};
 use super::tables::{Table, common, over};
-use crate::foam_case::{Description, FoamCase, FunctionObject};
+use crate::foam_case::{Description, FoamCase, FunctionObject, Patch};
 use m4gn_base::{Error, Result, listed};
 use m4gn_mesh::vector::{cross, dot, norm};
 use m4gn_report::{Page, number, percent};
@@ -90,8 +90,10 @@ pub(super) fn inlet_velocity(case: &mut FoamCase, time: usize) -> Result<Option<
 
 /// Patches that fluid enters through.
 fn inlet(case: &mut FoamCase, time: usize) -> Result<Vec<crate::foam_case::Flow>> {
+    // A mappedPatch can be an inlet: it takes its values from a plane downstream
+    let open = |p: &&Patch| ["patch", "mappedPatch"].contains(&p.kind.as_str());
     let patches: Vec<String> =
-        case.description().patches.iter().filter(|p| p.kind == "patch").map(|p| p.name.clone()).collect();
+        case.description().patches.iter().filter(open).map(|p| p.name.clone()).collect();
     let mut flows = Vec::new();
     for patch in patches {
         let flow = case.flow(&patch, time)?;
