@@ -9,7 +9,7 @@ use crate::compare::log::Log;
 use crate::compare::{self, Options};
 use crate::foam_case::FoamCase;
 use crate::generate::case::{Files, Times, program};
-use crate::generate::family::Draw;
+use crate::generate::family::{Draw, Hybrid};
 use crate::generate::parameter::Settings;
 use crate::generate::process::clear;
 use m4gn_base::digest::Digest;
@@ -257,7 +257,7 @@ impl Job<'_> {
         let (stride, strides) = (schedule.interval, f64::from(schedule.surrogate_steps));
         let compared = compare::compare(&mut a, &mut b, &options, |_, _| {})?.0;
         let last = compared.times.last().copied().unwrap_or(f64::NAN);
-        if (last - schedule.end).abs() > 0.5 * schedule.interval {
+        if !reaches(last, schedule) {
             return Err(Error::file(
                 folder,
                 format!(
@@ -304,6 +304,11 @@ fn loads_ours(files: &Files) -> bool {
     files.iter().any(|(_, bytes)| bytes.windows(OURS.len()).any(|part| part == OURS))
 }
 
+/// Whether this is the last time that is stored up to the end, which need not be a multiple of the interval.
+fn reaches(last: f64, schedule: &Hybrid) -> bool {
+    schedule.end - last < 0.999 * schedule.interval
+}
+
 /// Whether a function object's entries have the dictionary `control`.
 fn controlled(entries: &str) -> bool {
     let mut words = entries.split(|c: char| c.is_whitespace() || "{};".contains(c));
@@ -324,5 +329,15 @@ mod tests {
             loads_ours(&family.files(&draw, Times { delta_t: 1.0, end: 1.0, write_interval: 1.0 }).unwrap())
         };
         assert_eq!(["vibrating-rubber", "pressed-rubber", "cylinder-flow"].map(loads), [true, true, false]);
+    }
+
+    #[test]
+    fn a_run_may_end_between_stored_times() {
+        let home = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../openfoam/templates/cylinder-flow");
+        let schedule = Family::load(&home).unwrap().hybrid.unwrap();
+        let reaches =
+            |end: f64, last: f64| reaches(last, &Hybrid { end, interval: 0.05, ..schedule.clone() });
+        assert!(reaches(1.2, 1.2) && reaches(1.23, 1.2) && reaches(1.249, 1.200_001));
+        assert!(!reaches(1.2, 1.15) && !reaches(1.23, 1.15));
     }
 }
