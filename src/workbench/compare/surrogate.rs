@@ -57,20 +57,13 @@ fn one_summary(folder: &Path, summary: Value) -> Result<Option<Surrogate>> {
     if number("replaced_time").is_none_or(|t| t <= 0.0) {
         return Ok(None);
     }
-    // The table says where the first jump began; the summary, from when on jumps were allowed.
+    let takeover = number("takeover_time").ok_or_else(|| {
+        Error::file(
+            folder.join("summary.json"),
+            "expected the number takeover_time of m4gnSurrogate, found none: run the case again",
+        )
+    })?;
     let jumps = jumps(folder, number("stride"));
-    let begin = |jump: &[f64; 2]| jump[0] - number("stride").unwrap_or(0.0);
-    let first_jump = jumps.iter().map(begin).reduce(f64::min);
-    let takeover = match (first_jump, number("takeover_time")) {
-        (Some(first), allowed) => first.max(allowed.unwrap_or(f64::NEG_INFINITY)),
-        (None, Some(allowed)) => allowed,
-        (None, None) => {
-            return Err(Error::file(
-                folder,
-                "expected the table of m4gnSurrogate (*.dat) beside its summary.json, found none",
-            ));
-        }
-    };
     Ok(Some(Surrogate { takeover, replaced_fraction: number("replaced_fraction"), jumps, summary }))
 }
 
@@ -105,16 +98,17 @@ mod tests {
         // Another function object's file is none of ours.
         put("0/summary.json", "{\"other\": 1}");
         assert!(read(dir.path()).unwrap().is_none());
-        let one = r#"{"replaced_time": 2.0, "replaced_fraction": 0.8, "stride": 0.05}"#;
+        put("1/summary.json", r#"{"replaced_time": 2.0, "stride": 0.05}"#);
+        m4gn_samples::fails(read(dir.path()), &["summary.json", "takeover_time"]);
+        // A surrogate of longer strides than those of the last jump began
+        let one = r#"{"replaced_time": 2.0, "replaced_fraction": 0.8, "stride": 0.05, "takeover_time": 0.9}"#;
         put("1/summary.json", one);
-        m4gn_samples::fails(read(dir.path()), &["table of m4gnSurrogate"]);
-        // Three steps that ended at 1.2: the first jump began at 1.05.
         let table = "# Jumps\n# Time\tsteps\tsurrogate(s)\n1.2\t3\t0.1\n1.45\t4\t0.1\n";
         put("1/surrogate.dat", table);
         let two = r#"{"replaced_time": 3.0, "replaced_fraction": 0.9, "takeover_time": 4.0}"#;
         put("3.5/summary.json", two);
         let found = read(dir.path()).unwrap().unwrap();
-        assert!((found.takeover - 1.05).abs() < 1e-12 && found.replaced_fraction == Some(0.9), "{found:?}");
+        assert!(found.takeover == 0.9 && found.replaced_fraction == Some(0.9), "{found:?}");
         // Of three steps and of four
         let expected = [[1.1, 1.2], [1.3, 1.45]];
         let near = |(a, b): (&[f64; 2], &[f64; 2])| (a[0] - b[0]).abs() < 1e-12 && a[1] == b[1];
