@@ -3,7 +3,6 @@
 
 #include "FoamData.H"
 
-#include "OFstream.H"
 #include "OSspecific.H"
 #include "localIOdictionary.H"
 #include "m4gnFieldFiles.H"
@@ -86,7 +85,7 @@ template <class Type>
 bool take_field(
     const Foam::fvMesh& mesh, const Foam::word& name, const Foam::fileName& own,
     const Foam::List<Foam::fileName>& sources, rust::Slice<const double> weights,
-    rust::Slice<const double> ratios)
+    rust::Slice<const double> ratios, Foam::m4gnFieldFiles& files)
 {
     const auto dict = field_file<Type>(mesh, name, own);
     if (!dict) {
@@ -120,20 +119,17 @@ bool take_field(
         values = Foam::max(values, least * Foam::pTraits<Type>::one);
     }
 
-    Foam::OFstream os(dict->objectPath(), mesh.time().writeFormat());
-    dict->writeHeader(os, Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>::typeName);
-    for (const Foam::entry& e : *dict) {
-        if (e.keyword() == "internalField") {
-            values.writeEntry(e.keyword(), os);
-        } else {
-            os << e;
+    files.write(mesh.time(), dict->objectPath(), [&](Foam::Ostream& os) {
+        dict->writeHeader(os, Foam::GeometricField<Type, Foam::fvPatchField, Foam::volMesh>::typeName);
+        for (const Foam::entry& e : *dict) {
+            if (e.keyword() == "internalField") {
+                values.writeEntry(e.keyword(), os);
+            } else {
+                os << e;
+            }
         }
-    }
-    Foam::IOobject::writeEndDivider(os);
-    if (!os.stdStream().flush().good()) {
-        FatalErrorInFunction << dict->objectPath() << " cannot be written" << Foam::exit(Foam::FatalError);
-    }
-    Foam::rm(dict->objectPath() + ".gz");
+        Foam::IOobject::writeEndDivider(os);
+    });
     return true;
 }
 
@@ -145,13 +141,16 @@ std::size_t m4gn::FoamCase::take_start(
 {
     const Foam::List<Foam::fileName> from(folders(sources));
     const Foam::fileName own(data_->start_name());
+    Foam::m4gnFieldFiles files;
     std::size_t taken = 0;
     for (const Foam::fileName& file : Foam::readDir(data_->time.path() / own, Foam::fileName::FILE)) {
         const auto take = [&](auto zero) {
-            return take_field<decltype(zero)>(*data_->mesh, Foam::word(file), own, from, weights, ratios);
+            return take_field<decltype(zero)>(
+                *data_->mesh, Foam::word(file), own, from, weights, ratios, files);
         };
         taken += take(Foam::scalar()) || take(Foam::vector()) || take(Foam::symmTensor());
     }
+    files.rename();
     return taken;
 }
 
