@@ -120,6 +120,14 @@ template <class Type> bool provideRate(const fvMesh& mesh, const word& name, con
         return false;
     }
 
+    // OpenFOAM would take the present values for those before, whose rate is zero
+    const Time& time = mesh.time();
+    if (functionObject::postProcess && !field->nOldTimes() && time.value() > 0) {
+        FatalErrorInFunction << rateName << " of time " << time.timeName() << " needs the level before, "
+                             << name << "_0, which the solver has not stored there" << nl
+                             << "    Record while the solver runs" << exit(FatalError);
+    }
+
     wordList types(patches(mesh, zeroGradientFvPatchField<Type>::typeName));
     forAll(types, patchi) {
         const fvPatchField<Type>& patch = field->boundaryField()[patchi];
@@ -135,7 +143,6 @@ template <class Type> bool provideRate(const fvMesh& mesh, const word& name, con
     }
 
     // Of stored times the one that is stored
-    const Time& time = mesh.time();
     const scalar rDeltaT = 1 / (functionObject::postProcess ? time.deltaTValue() : m4gnLastStep::of(time));
     const auto& old = field->oldTime();
     rate->primitiveFieldRef() = rDeltaT * (field->primitiveField() - old.primitiveField());

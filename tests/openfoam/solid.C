@@ -5,6 +5,7 @@
 #include "m4gnMechanicalProperties.H"
 #include "m4gnNodes.H"
 #include "m4gnOwnFields.H"
+#include "functionObject.H"
 #include "volFields.H"
 
 using testing::caseFolder;
@@ -86,4 +87,13 @@ TEST(fieldsThatNoSolverRegisters)
     EXPECT_NEAR(cells("ddt(D)")[9], 5, 1e-12);
     EXPECT_NEAR(cells("ddt(D)")[11], -10, 1e-12);
     EXPECT_NEAR(cells("ddt(D)")[0], 0, 0);
+
+    // Over stored times: the level before is stored, or the rate is not known
+    volScalarField p(
+        IOobject("p", run.time().timeName(), *mesh), *mesh, dimensionedScalar("p", dimless, 1),
+        wordList(6, "zeroGradient"));
+    functionObject::postProcess = true;
+    EXPECT_NEAR(cells("ddt(D)")[9], 5, 1e-12);
+    EXPECT_REFUSED(m4gnOwnFields::provide(*mesh, "ddt(p)"), "needs the level before, p_0");
+    functionObject::postProcess = false;
 }
