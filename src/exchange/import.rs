@@ -5,7 +5,7 @@ use super::copies::Copies;
 use super::points::Points;
 use super::tfrecord::TfRecord;
 use super::{Array, Arrays, npz};
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use m4gn_data::Split;
 use std::path::{Path, PathBuf};
 
@@ -105,6 +105,11 @@ pub fn import(
                     bodies.write(&file, split, &from)?;
                 }
                 false => {
+                    refuse(
+                        options.poisson.is_some(),
+                        |what: String| Error::file(path, what),
+                        || "--poisson: it is for bodies, and this file has triangles: leave it out",
+                    )?;
                     let points = Points::new(&arrays, options.dt, path).map_err(numbered)?;
                     points.write(&file, split, &from)?;
                 }

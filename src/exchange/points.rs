@@ -171,7 +171,7 @@ fn named<'a>(arrays: &'a Arrays, names: &[&'static str], path: &Path) -> Result<
     })
 }
 
-/// Time between frames, s: what the arrays say, else `dt`. That of a quasi-static data set is 0.
+/// Time between frames, s: what the arrays say, which `dt` must not contradict, else `dt`. That of a quasi-static data set is 0.
 pub(super) fn interval(arrays: &Arrays, dt: Option<f64>, path: &Path) -> Result<f64> {
     let positive = |dt: &f64| dt.is_finite() && *dt > 0.0;
     let mut between = None;
@@ -188,10 +188,15 @@ pub(super) fn interval(arrays: &Arrays, dt: Option<f64>, path: &Path) -> Result<
         between = Some(step);
     }
     let said = arrays.get("dt").and_then(|a| a.data.first()).copied();
-    let dt = [said, between, dt].into_iter().flatten().find(positive).ok_or_else(|| {
-        Error::file(
-            path,
-            "it does not say the time between frames (dt, or times, s): give a positive one with --dt",
+    let said = [said, between].into_iter().flatten().find(positive);
+    let wrong = |what: String| Error::file(path, what);
+    // That of an archive is in single precision.
+    refuse_any(said.zip(dt).filter(|(said, dt)| (said - dt).abs() > 1e-3 * said), wrong, |(said, dt)| {
+        format!("it says that the time between frames is {said} s, and --dt is {dt}: leave --dt out")
+    })?;
+    let dt = said.or(dt.filter(positive)).ok_or_else(|| {
+        wrong(
+            "it does not say the time between frames (dt, or times, s): give a positive one with --dt".into(),
         )
     })?;
     // 0.01 in single precision is meant as 0.01.

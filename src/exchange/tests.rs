@@ -219,6 +219,18 @@ fn times_that_begin_late_are_equally_spaced() {
     m4gn_samples::fails(interval(&other), &["times: value 50 is 11.001"]);
 }
 
+#[test]
+fn options_that_a_file_contradicts_are_refused() {
+    let said = Array { shape: vec![], data: vec![f64::from(0.01f32)] };
+    let said = Arrays::from([("dt".into(), said)]);
+    let interval = |dt: f64| super::points::interval(&said, Some(dt), Path::new("a"));
+    assert_eq!(interval(0.01).unwrap(), 0.01);
+    m4gn_samples::fails(interval(0.02), &["--dt is 0.02: leave --dt out"]);
+    let (_folder, path) = file("a.tfrecord", &records::record(&records::example()));
+    let poisson = Options { poisson: Some(0.3), ..Options::default() };
+    m4gn_samples::fails(imported(&path, &poisson), &["--poisson: it is for bodies"]);
+}
+
 /// With another number in one of them.
 fn with(mut arrays: Arrays, name: &str, at: usize, value: f64) -> Arrays {
     arrays.get_mut(name).unwrap().data[at] = value;
