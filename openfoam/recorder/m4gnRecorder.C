@@ -266,12 +266,19 @@ bool Foam::functionObjects::m4gnRecorder::write()
     std::vector<const double*> cells, boundary;
     forAll(fieldNames_, i) {
         const word& name = fieldNames_[i];
+        const label components = values_[i].components;
         m4gnOwnFields::provide(mesh_, name);
         if (!nodes_->gather(name, values_[i])) {
             FatalErrorInFunction << "Field " << name << " is neither registered with"
                                  << " the solver nor stored at time " << time_.timeName() << " as a "
                                  << nodes_->fieldTypes().c_str() << '.' << nl
                                  << "    Registered: " << nodes_->registered().c_str() << exit(FatalError);
+        }
+        if (recorder_ && values_[i].components != components) {
+            FatalErrorInFunction << "Field " << name << " has " << values_[i].components
+                                 << " components at time " << time_.timeName() << " and had " << components
+                                 << " before" << nl << "    Record times at which it is of one class"
+                                 << exit(FatalError);
         }
         cells.push_back(values_[i].cells);
         boundary.push_back(values_[i].boundary.cdata());

@@ -35,6 +35,13 @@ for command in 'icoFoam -postProcess' postProcess; do
 done
 unset beside
 
+# A field that becomes one of another class
+cp 0.05/p 0.05/q
+cp 0.06/U 0.06/q
+recorder 'fields (q);'
+refused 'Field q has 3 components at time 0.06 and had 1 before' postProcess -time '0.05:'
+rm -r 0.0*/q postProcessing
+
 recorder 'timeEnd 0.051;'
 runs postProcess -time '0.02:'
 frames $file 4 '0.02 to 0.05 s'
