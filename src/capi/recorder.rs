@@ -112,9 +112,6 @@ unsafe fn read_metas((fields, n): (*const FieldInfo, i32)) -> Result<Vec<FieldMe
     for f in fields {
         // SAFETY: passed on to the caller.
         let name = unsafe { pointers::text("field name", f.name)? };
-        if list.iter().any(|other| other.name == name) {
-            return Err(Error::Input(format!("field '{name}' appears twice")));
-        }
         let vector = match f.components {
             1 => false,
             3 => true,

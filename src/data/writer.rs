@@ -92,7 +92,12 @@ impl Writer {
         let name = path.file_name().ok_or_else(|| {
             Error::file(path, "is not the name of a file; expected a path that ends in .h5")
         })?;
-        options.fields.iter().try_for_each(FieldMeta::check)?;
+        for (i, field) in options.fields.iter().enumerate() {
+            field.check()?;
+            refuse(options.fields[..i].iter().any(|f| f.name == field.name), Error::Input, || {
+                format!("field '{}' appears twice", field.name)
+            })?;
+        }
         check_absent(path, options.overwrite)?;
         if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
             std::fs::create_dir_all(folder)

@@ -80,3 +80,15 @@ fn arrays_that_are_no_fields_are_refused_by_their_shape() {
     refused("pressure", &[3, 4, 1], "pressure has shape [3, 4, 1], expected [frames, 5, components]");
     refused("walls", &[1, 5, 1], "walls has shape [1, 5, 1], expected [frames, 5, components]");
 }
+
+/// `velocity` and `U` are one field.
+#[test]
+fn two_arrays_of_one_field_are_refused() {
+    let (_folder, path) = file("a.npz", &[]);
+    let mut arrays = square();
+    arrays.insert("U".into(), square()["velocity"].clone());
+    npz::write(&path, &arrays, &["cells", "node_type"]).unwrap();
+    let dt = Options { dt: Some(0.5), ..Options::default() };
+    m4gn_samples::fails(imported(&path, &dt), &["field 'U' appears twice"]);
+    assert!(!path.with_file_name("out.h5").exists());
+}
