@@ -303,12 +303,10 @@ bool Foam::functionObjects::m4gnAnderson::end()
         if (!why_.empty()) {
             summary.set("why", why_);
         }
-        const fileName dir(
-            time_.globalPath() / "postProcessing" / name() / Time::timeName(time_.startTime().value()));
         m4gnFieldFiles files;
         files.write(
-            time_, dir / "summary.json", [&](Ostream& os) { os << m4gn::json(summary).c_str() << endl; },
-            true);
+            time_, m4gn::outputDir(name(), mesh_) / "summary.json",
+            [&](Ostream& os) { os << m4gn::json(summary).c_str() << endl; }, true);
         files.rename();
     }
 
