@@ -24,7 +24,9 @@ impl Table {
 
     /// The table in Markdown.
     pub fn markdown(&self) -> String {
-        let line = |cells: &[String]| format!("| {} |\n", cells.join(" | ").replace('\n', " "));
+        let cell = |text: &String| text.replace('\n', " ").replace('|', "\\|");
+        let line =
+            |cells: &[String]| format!("| {} |\n", cells.iter().map(cell).collect::<Vec<_>>().join(" | "));
         let rule: Vec<String> = self.headers.iter().map(|_| "---".into()).collect();
         std::iter::once(&self.headers).chain([&rule]).chain(&self.rows).map(|l| line(l)).collect()
     }
@@ -76,5 +78,7 @@ mod tests {
         assert_eq!(table.to_string(), "         RMSE-1\n  -----  ------\n  a < b     0.5\n  model    0.25\n");
         assert!(table.html().contains("<td>a &lt; b</td><td>0.5</td>"));
         assert!(table.markdown().starts_with("|  | RMSE-1 |\n| --- | --- |\n| a < b | 0.5 |\n"));
+        table.row(["|U|", "1"]);
+        assert!(table.markdown().ends_with("| \\|U\\| | 1 |\n"));
     }
 }
