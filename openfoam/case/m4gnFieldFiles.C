@@ -4,6 +4,7 @@
 #include "m4gnVersion.H"
 #include "OSspecific.H"
 #include "Time.H"
+#include "gzstream.h"
 #include "uncollatedFileOperation.H"
 #include "volFields.H"
 
@@ -63,8 +64,12 @@ void Foam::m4gnFieldFiles::write(
                     compressed ? IOstream::COMPRESSED : IOstream::UNCOMPRESSED));
     contents(os);
 
-    // What OpenFOAM's own stream says is of the time before
-    if (!os.stdStream().flush().good()) {
+    // What OpenFOAM's own stream says is of the time before; zlib keeps the last bytes until it is closed
+    std::ostream& stream = os.stdStream().flush();
+    if (auto* zipping = dynamic_cast<ogzstream*>(&stream)) {
+        zipping->close();
+    }
+    if (!stream.good()) {
         FatalErrorInFunction << "Cannot write " << name << ": no permission, or the disk is full"
                              << exit(FatalError);
     }

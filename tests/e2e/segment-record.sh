@@ -36,8 +36,12 @@ reads
 # A full disk leaves what was there
 printf 'type m4gnSegments; libs (m4gnFoam); modes no; recompute yes; segments { count 9; method metis; }\n' > system/m4gnSegments
 cp 0/m4gnSegment 0/m4gnSegmentDict ..
-refused 'the disk is full' bash -c "set -o pipefail; (trap '' XFSZ; ulimit -f 0; exec postProcess -func m4gnSegments -time 0 2>&1) | cat"
-for file in m4gnSegment m4gnSegmentDict; do cmp "../$file" "0/$file" || fail "a full disk has left another $file"; done
+echo 'writeCompression on;' >> system/controlDict
+for compression in on off; do
+    control writeCompression $compression
+    refused 'the disk is full' bash -c "set -o pipefail; (trap '' XFSZ; ulimit -f 0; exec postProcess -func m4gnSegments -time 0 2>&1) | cat"
+    for file in m4gnSegment m4gnSegmentDict; do cmp "../$file" "0/$file" || fail "a full disk has left another $file"; done
+done
 
 # What the dictionary says about them
 restore() { again && cp -r ../by-command/. 0; }
