@@ -137,8 +137,13 @@ void Foam::functionObjects::m4gnRecorder::checkSource() const
 
 void Foam::functionObjects::m4gnRecorder::finish()
 {
+    const bool before = finished_;
     finished_ = true;
     if (!recorder_) {
+        if (!before) {
+            Info << "m4gn: " << name() << " has recorded no frame and leaves no file: none of its times"
+                 << " (writeControl, writeInterval, timeStart, timeEnd) was in the run" << nl << endl;
+        }
         return;
     }
 

@@ -20,6 +20,13 @@ clean_case
 solve 2
 diff <(content serial.h5) <(content $file) || fail "two ranks recorded something else than one"
 
+# A recording whose times the run does not reach says so
+clean_case
+recorder 'timeStart 1;'
+solve
+expect_log 'test has recorded no frame'
+[ ! -e $file ] || fail "a recording without a frame left $file"
+
 # Over stored times: with the solver's fields, and with those that are read
 : > system/functions
 clean_case
