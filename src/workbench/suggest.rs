@@ -139,6 +139,9 @@ impl Seen {
     fn of(folder: &Path) -> Result<Self> {
         let mut all = list(folder)?.iter().map(Trajectory::open).collect::<Result<Vec<_>>>()?;
         all.retain(|t| t.split() == Split::Train && t.times().len() >= FRAMES);
+        // Those of runs that were killed early would shorten the strides of all
+        let most = all.iter().map(|t| t.times().len()).max().unwrap_or(0);
+        all.retain(|t| 2 * t.times().len() >= most);
         let trajectories = all.len();
         let (Some(first), Some(shortest)) = (all.first(), all.iter().map(|t| t.times().len()).min()) else {
             return Err(Error::file(
@@ -442,7 +445,7 @@ mod tests {
     }
 
     #[test]
-    fn trajectories_without_four_strides_are_left_out() {
+    fn trajectories_of_few_frames_are_left_out() {
         let folder = tempfile::tempdir().unwrap();
         let write = |name: &str, frames: usize| {
             let path = folder.path().join(name);
@@ -452,6 +455,7 @@ mod tests {
         let error = Seen::of(folder.path()).err().unwrap().to_string();
         assert!(error.contains("with at least 5 frames"), "{error}");
         write("1.h5", 30);
+        write("2.h5", 14);
         assert_eq!(Seen::of(folder.path()).unwrap().trajectories, 1);
     }
 
