@@ -1,6 +1,7 @@
 //! A training configuration for a data set: fields, stride and noise from its frames, width from the time that there is.
 
 use crate::bench::{Runs, Trial};
+use crate::signal::median;
 use m4gn_base::{Error, Result, refuse};
 use m4gn_data::{Split, Trajectory, list};
 use m4gn_domain::body::gap::cell_size;
@@ -111,9 +112,7 @@ impl Field {
 
     /// The median over the trajectories.
     fn median(&self, of: impl Fn(&Motion) -> f64) -> f64 {
-        let mut values: Vec<f64> = self.motions.iter().filter(|m| !m.steady()).map(of).collect();
-        values.sort_by(f64::total_cmp);
-        values.get(values.len() / 2).copied().unwrap_or(0.0)
+        median(self.motions.iter().filter(|m| !m.steady()).map(of)).unwrap_or(0.0)
     }
 
     /// Its change over so many frames, over its distance from its mean: 2 sin(pi n/N) of a wave of N frames.
