@@ -96,14 +96,13 @@ void m4gn_finalize(void);
  *   tau             1.0        Weight of positions against modes, tau of eq. 8
  *   size            null       Size S of a segment in Algorithm 2 [m]; null: from K
  *   iterations      20         Most sweeps of SLIC, up to 10000
- *   connected       true       Whether pieces that do not hang together with the largest of their segment go to a neighbour,
- *                              which the paper's algorithm does not do
- *   distance_scale  null       Length over which the distance to the obstacle is taken; 0: off, distances in metres as in the
- *                              paper [m]; null: S
- *   mode_scale      null       What modes of root mean square 1 are multiplied by, beside positions in metres: 1/sqrt(N) gives
- *                              them unit length on N cells [m]; null: S
- *   margin          0.00001    By how much of S a centroid must be nearer to take a cell away, so that ties of symmetric meshes
- *                              stay where they are; 0 is the paper's algorithm
+ *   connected       true       Whether pieces of a segment apart from its largest one go to a neighbour; in the paper they stay
+ *   distance_scale  null       Length that distances to the obstacle are divided by; 0: none, metres as in the paper [m]; null:
+ *                              S
+ *   mode_scale      null       Factor of modes of root mean square 1, beside positions in metres; 1/sqrt(N) gives them unit
+ *                              length on N cells [m]; null: S
+ *   margin          0.00001    Share of S by which a centroid must be nearer to take a cell, so that ties of symmetric meshes
+ *                              stay; 0 in the paper
  *   obstacles       []         What is the obstacle: patches, or pieces of walls by the names that logs and m4gn segment have
  *                              for them, such as walls:2; []: patches of node type obstacle, else pieces of walls that do not
  *                              reach the box around the mesh, else all walls
@@ -438,14 +437,14 @@ typedef struct m4gn_host
  *   dmd              null         Settings of the dmd surrogate (object); null: its defaults
  *   solver_steps     null         replace: time steps of the solver before each jump; null: required in mode replace; with dmd
  *                                 1
- *   surrogate_steps  null         replace: strides of a jump, with control at most; null: required in mode replace; with dmd
- *                                 max_jump
+ *   surrogate_steps  null         replace: strides of each jump; with control, the most; null: required in mode replace; with
+ *                                 dmd max_jump
  *   rollout_steps    50           observe: strides after which a rollout begins anew
  *   write_errors     false        observe: writes the errors of rollouts at each cell and in each segment
  *   time_start       null         Time before which the solver runs alone [s]; null: start of the run
  *   time_end         null         Time after which the solver runs alone [s]; null: end of the run
- *   control          null         Error control of jumps (object); observe: what it would have allowed; null: surrogate_steps,
- *                                 always; with dmd in mode replace tolerance 0.05
+ *   control          null         Error control of jumps (object); observe: what it would have allowed; null: all jumps have
+ *                                 surrogate_steps strides; with dmd in mode replace tolerance 0.05
  *   quantities       []           replace: results of other function objects whose errors at the ends of jumps are limited
  *                                 (list of dictionaries); []: none
  *   write_precision  6            Significant digits of tables and messages
@@ -461,13 +460,13 @@ typedef struct m4gn_host
  *
  * [table control]
  *   name        default   meaning
- *   tolerance   required  Largest error of a jump: root mean square, over the largest variation of the field so far in the run;
- *                         of a vector its root mean square, of a scalar that about its mean
+ *   tolerance   required  Largest error of a jump: root mean square, over the largest variation of the field so far in the run
+ *                         (its root mean square, of a scalar about its mean)
  *   rel_tol     0.2       Largest error of a stride beside the solver, over what the solver changed in it
- *   fields      null      Predicted fields whose errors are limited; null: the first one that varies; of several surrogates the
- *                         first of those that all predict
- *   on_failure  "solver"  What follows patience: solver goes on alone, with the surrogate measured beside it; stop ends the run
- *                         with an error
+ *   fields      null      Predicted fields whose errors are limited; null: the first that varies; with several surrogates the
+ *                         first that all predict
+ *   on_failure  "solver"  What happens after patience: with solver it goes on alone, with the surrogate measured beside it;
+ *                         stop ends the run with an error
  *   patience    10        Measured strides in a row that allow no jump, after which on_failure applies
  * [end]
  *
@@ -485,7 +484,7 @@ typedef struct m4gn_host
  * [table dmd]
  *   name               default     meaning
  *   snapshot_interval  null        Time between snapshots, the stride: a tenth to a twentieth of the flow's period [s]; null:
- *                                  found in the run: 25 of the longest time steps of late, then a fourteenth of the period that
+ *                                  found in the run: 25 of the longest recent time steps, then a fourteenth of the period that
  *                                  fits show
  *   window             null        Most snapshots in a fit, up to 1000; null: 40, and 160 where boundary values are prescribed
  *                                  in time
@@ -493,17 +492,17 @@ typedef struct m4gn_host
  *   hold_out           5           Snapshots at the end of the window that are held out, to choose delays and svd_rank by
  *   delays             [5, 8, 12]  Candidates for the number of snapshots in a delayed one (higher-order DMD)
  *   svd_rank           [12, 30]    Candidates for the rank of the truncated singular value decomposition
- *   unstable_modes     null        Whether modes keep a growth rate above 0; else they keep their size; null: chosen by the
- *                                  held-out snapshots
+ *   unstable_modes     null        Whether modes may grow; else a growth rate above 0 counts as 0; null: chosen by the held-out
+ *                                  snapshots
  *   refit_interval     5           Strides of the solver between two fits
  *   fit_tolerance      0.005       Error of the held-out snapshots, over that of holding the last one before them, below which
- *                                  a fit is used at once; one between this and jump_tolerance is used when the three fits
- *                                  before were as good, to three tenths. A stride beside the solver with an error below this,
- *                                  or below twice the fit's, makes the next jump longer; one above makes it shorter
+ *                                  a fit is used at once; between this and jump_tolerance it is used if the three fits before
+ *                                  were about as good. A stride beside the solver with an error below this, or below twice the
+ *                                  fit's, makes the next jump longer, else shorter
  *   jump_tolerance     0.02        Largest error of the held-out snapshots, and of a stride beside the solver after a jump,
  *                                  over that of holding the last state
- *   rest               {}          Fields, each with the change in its unit, root mean square, that counts as none (rest { U
- *                                  1e-4; }). Errors are over what the flow changes, but at least over this; {}: a
+ *   rest               {}          Fields, each with a change (root mean square, in its unit) that counts as none (rest { U
+ *                                  1e-4; }): errors are relative to the flow's change, but at least to this; {}: a
  *                                  ten-thousandth of the most that a field has changed by since the first state
  *   cut_transient      false       Whether a start-up is cut short: a wave that grows or decays is brought to its final
  *                                  amplitude. Until it has settled, the run differs from the plain one

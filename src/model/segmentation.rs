@@ -96,19 +96,17 @@ m4gn_base::settings! {
         pub size: Option<f64> [m] = None, "from K";
         /// Most sweeps of SLIC, up to 10000.
         pub iterations: usize = 20;
-        /// Whether pieces that do not hang together with the largest of their segment go to a neighbour, which the paper's algorithm
-        /// does not do.
+        /// Whether pieces of a segment apart from its largest one go to a neighbour; in the paper they stay.
         pub connected: bool = true;
         // The feature is S log(d/l), to which l does not matter, or S exp(-d/l).
-        /// Length over which the distance to the obstacle is taken; 0: off, distances in metres as in the paper.
+        /// Length that distances to the obstacle are divided by; 0: none, metres as in the paper.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub distance_scale: Option<f64> [m] = None, "S";
         // With S a change of a mode by its root mean square counts as one cluster size. The paper does not say the norm of its modes.
-        /// What modes of root mean square 1 are multiplied by, beside positions in metres: 1/sqrt(N) gives them unit length on N cells.
+        /// Factor of modes of root mean square 1, beside positions in metres; 1/sqrt(N) gives them unit length on N cells.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub mode_scale: Option<f64> [m] = None, "S";
-        /// By how much of S a centroid must be nearer to take a cell away, so that ties of symmetric meshes stay where they are; 0 is
-        /// the paper's algorithm.
+        /// Share of S by which a centroid must be nearer to take a cell, so that ties of symmetric meshes stay; 0 in the paper.
         #[serde(skip_serializing_if = "is_default_margin")]
         pub margin: f64 = MARGIN;
         /// What is the obstacle: patches, or pieces of walls by the names that logs and `m4gn segment` have for them, such as `walls:2`.

@@ -24,16 +24,17 @@ pub enum OnFailure {
 settings! {
     /// Settings of a controller; `tolerance` suffices.
     pub struct ControlSettings in "control" {
-        /// Largest error of a jump: root mean square, over the largest variation of the field so far in the run; of a vector its root
-        /// mean square, of a scalar that about its mean.
+        /// Largest error of a jump: root mean square, over the largest variation of the field so far in the run (its root mean square, of a
+        /// scalar about its mean).
         pub tolerance: f64;
         // Of a flow that rests, or nearly, the change is small, and errors far within the tolerance are larger: jump by jump they would
         // make a flow of their own, a wake that sheds where the solver's does not.
         /// Largest error of a stride beside the solver, over what the solver changed in it.
         pub rel_tol: f64 = REL_TOL;
         /// Predicted fields whose errors are limited.
-        pub fields: Option<Vec<String>> = None, "the first one that varies; of several surrogates the first of those that all predict";
-        /// What follows `patience`: `solver` goes on alone, with the surrogate measured beside it; `stop` ends the run with an error.
+        pub fields: Option<Vec<String>> = None, "the first that varies; with several surrogates the first that all predict";
+        /// What happens after `patience`: with `solver` it goes on alone, with the surrogate measured beside it; `stop` ends the run with
+        /// an error.
         pub on_failure: OnFailure = OnFailure::default();
         /// Measured strides in a row that allow no jump, after which `onFailure` applies.
         pub patience: usize = PATIENCE;

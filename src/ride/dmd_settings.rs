@@ -17,7 +17,7 @@ settings! {
     /// Settings of a dmd surrogate in a run.
     pub struct DmdSettings in "dmd" {
         /// Time between snapshots, the stride: a tenth to a twentieth of the flow's period.
-        pub snapshot_interval: Option<f64> [s] = None, "found in the run: 25 of the longest time steps of late, then a fourteenth of the period that fits show";
+        pub snapshot_interval: Option<f64> [s] = None, "found in the run: 25 of the longest recent time steps, then a fourteenth of the period that fits show";
         /// Most snapshots in a fit, up to 1000.
         pub window: Option<usize> = None, "40, and 160 where boundary values are prescribed in time";
         // The first states after a jump are not yet the solver's own.
@@ -29,19 +29,19 @@ settings! {
         pub delays: Vec<usize> = FitSettings::default().delays;
         /// Candidates for the rank of the truncated singular value decomposition.
         pub svd_rank: Vec<usize> = FitSettings::default().svd_rank;
-        /// Whether modes keep a growth rate above 0; else they keep their size.
+        /// Whether modes may grow; else a growth rate above 0 counts as 0.
         pub unstable_modes: Option<bool> = FitSettings::default().unstable_modes, "chosen by the held-out snapshots";
         /// Strides of the solver between two fits.
         pub refit_interval: usize = 5;
-        /// Error of the held-out snapshots, over that of holding the last one before them, below which a fit is used at once; one between
-        /// this and `jumpTolerance` is used when the three fits before were as good, to three tenths. A stride beside the solver with an error
-        /// below this, or below twice the fit's, makes the next jump longer; one above makes it shorter.
+        /// Error of the held-out snapshots, over that of holding the last one before them, below which a fit is used at once; between this
+        /// and `jumpTolerance` it is used if the three fits before were about as good. A stride beside the solver with an error below this, or
+        /// below twice the fit's, makes the next jump longer, else shorter.
         pub fit_tolerance: f64 = 0.005;
         /// Largest error of the held-out snapshots, and of a stride beside the solver after a jump, over that of holding the last state.
         pub jump_tolerance: f64 = 0.02;
         // What is at rest, or nearly, is jumped: a share of what it still changes by would be that of rounding.
-        /// Fields, each with the change in its unit, root mean square, that counts as none (`rest { U 1e-4; }`). Errors are over what the
-        /// flow changes, but at least over this.
+        /// Fields, each with a change (root mean square, in its unit) that counts as none (`rest { U 1e-4; }`): errors are relative to the
+        /// flow's change, but at least to this.
         pub rest: BTreeMap<String, f64> = BTreeMap::new(), "a ten-thousandth of the most that a field has changed by since the first state";
         /// Whether a start-up is cut short: a wave that grows or decays is brought to its final amplitude. Until it has settled, the run
         /// differs from the plain one.

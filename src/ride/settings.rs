@@ -37,7 +37,7 @@ settings! {
         pub dmd: Option<DmdSettings> = None, "its defaults";
         /// replace: time steps of the solver before each jump.
         pub solver_steps: Option<usize> = None, "required in mode replace; with dmd 1";
-        /// replace: strides of a jump, with `control` at most.
+        /// replace: strides of each jump; with `control`, the most.
         pub surrogate_steps: Option<usize> = None, "required in mode replace; with dmd `maxJump`";
         /// observe: strides after which a rollout begins anew.
         pub rollout_steps: usize = 50;
@@ -48,7 +48,7 @@ settings! {
         /// Time after which the solver runs alone.
         pub time_end: Option<f64> [s] = None, "end of the run";
         /// Error control of jumps (dictionary); observe: what it would have allowed.
-        pub control: Option<ControlSettings> = None, "`surrogateSteps`, always; with dmd in mode replace `tolerance` 0.05";
+        pub control: Option<ControlSettings> = None, "all jumps have `surrogateSteps` strides; with dmd in mode replace `tolerance` 0.05";
         /// replace: results of other function objects whose errors at the ends of jumps are limited (list of dictionaries).
         pub quantities: Vec<QuantitySettings> = Vec::new(), "none";
         /// Significant digits of tables and messages.
