@@ -17,7 +17,7 @@ pub struct Line {
 const MIN_PERIODS: f64 = 1.5;
 /// Most values that a frequency is looked for in.
 pub const MOST_VALUES: usize = 1 << 14;
-/// Most values that a frequency is refined on; one with more periods than a quarter of it is told to half of the resolution.
+/// Most values that a frequency is refined on, where each period has four.
 const REFINED_ON: usize = 1024;
 
 /// The strongest line in the spectrum of equidistant values, each the mean over its interval.
@@ -51,17 +51,16 @@ pub fn dominant(values: &[f64]) -> Option<Line> {
         if range.start >= range.end { 0.0 } else { spectrum[range].iter().sum::<f64>() }
     };
     let found = best as f64 / per_period;
-    let group = n.div_ceil(REFINED_ON);
+    // Means hide what is faster than they are
+    let group = n.div_ceil(REFINED_ON).min((n as f64 / (4.0 * found)) as usize).max(1);
     let row = |(i, c): (usize, &[f64])| Row {
         time: (i as f64 + 0.5) * (group as f64) / n as f64,
         value: c.iter().sum::<f64>() / c.len() as f64,
         weight: c.len() as f64,
         surrogate: false,
     };
-    // Means hide what is faster than they are
-    let resolved = group == 1 || found * (4 * group) as f64 <= n as f64;
-    let rows = || values.chunks(group).enumerate().map(row).collect::<Vec<_>>();
-    let periods = resolved.then(|| sine::refined(&rows(), found, 1.0)).flatten().unwrap_or(found);
+    let rows: Vec<Row> = values.chunks(group).enumerate().map(row).collect();
+    let periods = sine::refined(&rows, found, 1.0).unwrap_or(found);
     let harmonics =
         [2.0, 3.0].map(|k| k * periods).into_iter().filter(|p| *p * per_period < length as f64 / 2.0);
     let share = (near(periods) + harmonics.map(near).sum::<f64>()) / total;
@@ -102,8 +101,9 @@ mod tests {
 
     #[test]
     fn a_sine_on_a_line_is_found_with_its_periods() {
-        for periods in [2.3, 7.0, 40.77, 233.3] {
-            let n = 2000;
+        for (n, periods) in
+            [(2000, 2.3), (2000, 7.0), (2000, 40.77), (2000, 233.3), (8000, 405.02), (16384, 4000.2)]
+        {
             let at = |i: i32| f64::from(i) / f64::from(n);
             let values: Vec<f64> =
                 (0..n).map(|i| 3.0 + (TAU * periods * at(i) + 1.0).sin() + 0.2 * at(i)).collect();
