@@ -117,10 +117,11 @@ pub fn starts(folder: &Path) -> Vec<String> {
 
 /// The column `name` of a table's text.
 ///
-/// Lines that begin with `#` are comments; the last one before the first row names the columns. The columns of a vector `force`, which has brackets
-/// in the rows, are `force_x`, `force_y`, `force_z`; those of tensors end in `_xx` and so on. Columns without a name have their number, from 1 behind
-/// the time. Only the time and the column that is asked for have to be numbers. A last line that does not end is left out: it may not be whole. So are
-/// rows of OpenFOAM's solverInfo without the columns of a field that was not solved for: they do not say of which.
+/// Lines that begin with `#` are comments; the last one before the first row names the columns. So does a later one with the same first word: a function
+/// object that is read again begins with another header. The columns of a vector `force`, which has brackets in the rows, are `force_x`, `force_y`,
+/// `force_z`; those of tensors end in `_xx` and so on. Columns without a name have their number, from 1 behind the time. Only the time and the column that
+/// is asked for have to be numbers. A last line that does not end is left out: it may not be whole. So are rows of OpenFOAM's solverInfo without the columns
+/// of a field that was not solved for: they do not say of which.
 ///
 /// # Errors
 /// What was expected and found, with line and column.
@@ -152,8 +153,8 @@ fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
     for (i, line) in whole.lines().enumerate() {
         let line = line.trim_end();
         if let Some(comment) = line.trim_start().strip_prefix('#') {
-            if place.is_none() {
-                header = comment;
+            if place.is_none() || comment.split_whitespace().next() == header.split_whitespace().next() {
+                (header, place) = (comment, None);
                 all = if name.parse::<usize>().is_err() { columns_of_solves(header) } else { 0 };
             }
             continue;
@@ -171,7 +172,7 @@ fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
             Some(place) => place,
             None => {
                 let names = names(header, line);
-                let at = names.iter().position(|n| n == name).ok_or_else(|| unknown(name, &names))?;
+                let at = names.iter().position(|n| n == name).ok_or_else(|| unknown(name, &names, i))?;
                 *place.insert((at, words.len()))
             }
         };
@@ -224,10 +225,10 @@ fn number((column, word): (usize, &str), line: usize) -> std::result::Result<f64
     }
 }
 
-fn unknown(name: &str, names: &[String]) -> String {
+fn unknown(name: &str, names: &[String], line: usize) -> String {
     let excerpt: Vec<&str> = names.iter().take(40).map(String::as_str).collect();
     let more = if names.len() > excerpt.len() { ", ..." } else { "" };
-    format!("expected a column {name}, found {}{more}", excerpt.join(", "))
+    format!("line {}: expected a column {name}, found {}{more}", line + 1, excerpt.join(", "))
 }
 
 /// Numbers of each value behind the time of a row: one without brackets, those within the innermost brackets of others.
@@ -349,6 +350,16 @@ mod tests {
     }
 
     #[test]
+    fn a_header_behind_rows_names_the_columns_from_there_on() {
+        let table =
+            "# Time a b\n1 2 3\n# a remark\n2 4 5\n# Faces : 1\n# Time b a\n3 6 7\n# Time b c a\n4 8 0 9\n";
+        assert_eq!(column(table, "a").unwrap().values, [2.0, 4.0, 7.0, 9.0]);
+        assert_eq!(column(table, "c").unwrap_err(), "line 2: expected a column c, found a, b");
+        let other = column("# Time a\n1 2\n# Time b\n2 3\n", "a").unwrap_err();
+        assert_eq!(other, "line 4: expected a column a, found b");
+    }
+
+    #[test]
     fn steps_that_do_not_solve_for_a_field_have_no_row() {
         let table = |rows: &str| {
             let header =
@@ -397,7 +408,7 @@ mod tests {
     #[test]
     fn what_is_wrong_has_its_line_and_column() {
         let fails = |text: &str, name: &str| column(text, name).unwrap_err();
-        assert_eq!(fails("# t a b\n1 2 3\n", "c"), "expected a column c, found a, b");
+        assert_eq!(fails("# t a b\n1 2 3\n", "c"), "line 2: expected a column c, found a, b");
         assert_eq!(fails("# t a\n1 2\n2 x\n", "a"), "line 3, column 3: expected a number, found 'x'");
         assert_eq!(fails("# t a\n1 nan\n", "a"), "line 2, column 3: expected a finite number, found nan");
         assert_eq!(
