@@ -130,6 +130,7 @@ void Foam::functionObjects::m4gnAverages::start()
         }
         const auto* at = isA<functionObjects::timeControl>(list[others.find(q.functionObject)]);
         const bool always = !at || (at->executeControl().always() && at->writeControl().always());
+        q.source = source(q);
         // It may end before the run
         q.seldom = !always || (at && at->dict().found("triggerEnd"));
         q.end = at ? time_.userTimeToTime(at->dict().getOrDefault<scalar>("timeEnd", VGREAT)) : VGREAT;
@@ -181,6 +182,14 @@ const void* Foam::functionObjects::m4gnAverages::published(const quantity& from)
         }
     }
     return nullptr;
+}
+
+Foam::SHA1Digest Foam::functionObjects::m4gnAverages::source(const quantity& from) const
+{
+    const dictionary* functions = time_.controlDict().findDict("functions");
+    const dictionary* own = functions ? functions->findDict(from.functionObject) : nullptr;
+
+    return own ? own->digest() : SHA1Digest();
 }
 
 bool Foam::functionObjects::m4gnAverages::value(const quantity& from, scalar& found)
@@ -248,8 +257,8 @@ void Foam::functionObjects::m4gnAverages::addRow(const label i, const bool surro
     if (old && q.seldom) {
         return;
     }
-    if (old && surrogate) {
-        // What publishes is not executed in jumps
+    if (old && (surrogate || source(q) != q.source)) {
+        // What publishes is not executed in jumps, and may have been edited to publish this no more
         q.last = now;
         return;
     }

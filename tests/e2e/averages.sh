@@ -188,6 +188,21 @@ clean_case
 sed -i 's/fields (U);/& writeControl timeStep; writeInterval 2;/' system/functions
 runs icoFoam
 holds "$(last_time) >= 0.05 && $(last_time) < 0.1" "the end of a run with a value that is published seldom and does not vary:"
+# A result that an edit of its function object ends adds nothing, though it is there for the others to see
+clean_case
+beside='inlet { type surfaceFieldValue; libs (fieldFunctionObjects); regionType patch; name inlet; operation average; fields (p); writeFields no; log no; }
+edit { type timeActivatedFileUpdate; libs (utilityFunctionObjects); fileToUpdate "<system>/functions"; timeVsFile ((0 "<system>/before") (0.05 "<system>/after")); }'
+averages 'quantities { pIn { functionObject inlet; result average(inlet,p); } }'
+cp system/functions system/before
+sed 's/fields (p);/fields (U);/' system/functions > system/after
+control runTimeModifiable yes
+echo 'OptimisationSwitches { fileModificationSkew 0; }' >> system/controlDict
+touch -d '1 hour ago' system/*
+runs icoFoam
+published=$(awk '/^# Time/ { ++headers } !/^#/ && headers == 1' postProcessing/inlet/0/surfaceFieldValue.dat | wc -l)
+[ "$(figure . pIn rows)" = "$published" ] || fail "rows behind the edit: $(figure . pIn rows), expected $published"
+[ "$published" -lt "$(figure . Cd rows)" ] || fail "the edit was not read"
+control runTimeModifiable no
 control endTime 2.5 writeInterval 0.25
 unset beside
 
