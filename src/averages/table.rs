@@ -267,7 +267,7 @@ fn components(size: usize) -> Option<&'static [&'static str]> {
 pub fn names(header: &str, row: &str) -> Vec<String> {
     let mut named: Vec<String> = Vec::new();
     let mut group = "";
-    for word in header.split_whitespace().skip(1) {
+    for word in header.split_whitespace().skip(1).map(|word| word.trim_end_matches(',')) {
         let (open, closed) = (word.matches('(').count(), word.matches(')').count());
         let (mut of, mut rest) = (group, word);
         if open > closed {
@@ -346,6 +346,8 @@ mod tests {
         assert_eq!(column(extremes, "location(max)_y").unwrap().values, [7.0]);
         let probes = "# Probe 0 (0 0 0)\n# Probe 1 (1 0 0)\n#  Probe  0  1\n#  Time\n 0.1 (1 2 3) (4 5 6)\n";
         assert_eq!(column(probes, "5").unwrap().values, [5.0]);
+        let commas = "# time, Cd, Cl\n1, 2, 3\n";
+        assert_eq!(column(commas, "Cd").unwrap().values, [2.0]);
         assert_eq!(column("1 2\n3 4\n", "1").unwrap().values, [2.0, 4.0]);
     }
 
