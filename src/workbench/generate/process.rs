@@ -175,7 +175,8 @@ pub(crate) fn ends(path: &Path, each: usize) -> String {
     String::from_utf8_lossy(&read().unwrap_or_default()).into_owned()
 }
 
-/// The message of an OpenFOAM tool's fatal error, or the last line of the log.
+/// The message of an OpenFOAM tool's fatal error, or the last line of the log that says something: no rule of Open MPI, and no call that OpenFOAM lists
+/// on a signal.
 fn reason(log: &Path) -> String {
     let text = excerpt(log);
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
@@ -184,7 +185,10 @@ fn reason(log: &Path) -> String {
         Some(i) => {
             lines[i + 1..].iter().filter(|l| !l.is_empty()).take(3).copied().collect::<Vec<_>>().join(" ")
         }
-        None => lines.iter().rfind(|l| !l.is_empty()).map_or(String::new(), |l| l.to_string()),
+        None => {
+            let told = |l: &&&str| !l.starts_with('#') && l.contains(char::is_alphanumeric);
+            lines.iter().rfind(told).map_or(String::new(), |l| l.to_string())
+        }
     };
     if shown.is_empty() { shown } else { format!(": {}", shown.chars().take(400).collect::<String>()) }
 }
@@ -221,6 +225,8 @@ mod tests {
             "printf -- '--> FOAM FATAL ERROR: \\n\\nm4gnRecorder cannot record: full\\n\\n From\\n'; exit 1";
         fails(run(surroundings(&GO, 600_000), fatal), &["log.sh", "cannot record: full"]);
         fails(run(surroundings(&GO, 600_000), "kill -9 $$"), &["signal: 9"]);
+        let calls = "echo 'Courant Number mean: 1e+56'; echo '#0  sigFpe at ??:?'; echo '#1  ? in icoFoam'; echo -----; kill -8 $$";
+        fails(run(surroundings(&GO, 600_000), calls), &["SIGFPE)): Courant Number mean: 1e+56"]);
         fails(run(surroundings(&GO, 100), "sleep 60"), &["--timeout"]);
         assert!(matches!(run(surroundings(&STOP, 600_000), "sleep 60"), Err(Error::Interrupted(_))));
         // A signal to the whole job ends the tool before it is heard of here
