@@ -56,9 +56,11 @@ impl Table {
         let parameters: Vec<String> = columns.map(String::from).collect();
         check_names(&parameters)?;
         let (mut rows, mut names): (Vec<Row>, HashSet<String>) = (Vec::new(), HashSet::new());
-        for record in reader.records() {
-            let record = record.map_err(|e| e.to_string())?;
-            let line = record.position().map_or(0, csv::Position::line);
+        let mut record = csv::StringRecord::new();
+        while reader.read_record(&mut record).map_err(|e| e.to_string())? {
+            // csv's own count is of where it began to look: before blank lines and comments, and the end of a line in two characters
+            let end = (reader.position().byte() as usize).min(text.len());
+            let line = 1 + text.as_bytes()[..end].trim_ascii_end().iter().filter(|b| **b == b'\n').count();
             let name = record[0].to_string();
             if !is_name(&name) {
                 return Err(format!(
@@ -261,6 +263,10 @@ mod tests {
             ("case_name,U\na,1\na,2\n", "line 3: there is another run"),
             ("case_name,U\na,1; b\n", "line 2: expected a number or a word"),
             ("case_name,U\na,nan\n", "line 2: expected a number or a word"),
+            (
+                "\u{feff}# drawn\r\ncase_name,U\r\n\r\na,1\r\n\r\nb,nan\r\n\r\n",
+                "line 6: expected a number or a word",
+            ),
             ("case_name,U\na\n", "fields"),
         ] {
             m4gn_samples::fails(Table::parse(text), &[expected]);
