@@ -17,6 +17,11 @@ pub fn stored(period: f64) -> (f64, usize) {
     (period / A_PERIOD, KEPT)
 }
 
+/// The longest time between states, `every` at most, of which a run's duration is a multiple: so the state at its end is one of them.
+pub fn dividing(every: f64, duration: f64) -> f64 {
+    duration / (duration / every).ceil()
+}
+
 /// Offsets in parameters in coordinates of their own span, of as few directions as they have: parameters may depend on each other.
 pub fn spanned(offsets: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let matrix = Mat::from_fn(offsets.len(), offsets.first().map_or(0, Vec::len), |i, c| offsets[i][c]);
@@ -68,6 +73,11 @@ mod tests {
     use super::*;
     use crate::cycle::Cycle;
     use std::f64::consts::TAU;
+
+    #[test]
+    fn the_state_at_the_end_is_one_that_is_stored() {
+        assert_eq!([dividing(0.25, 2.0), dividing(0.3, 1.0), dividing(3.0, 2.0)], [0.25, 0.25, 2.0]);
+    }
 
     const CELLS: usize = 64;
 

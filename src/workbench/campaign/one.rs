@@ -5,7 +5,7 @@ use super::plan::Plan;
 use super::record::{self, Cost, DONE, FAILED, Failure, Figure, Record, State};
 use super::settings::{Settings, Statistic};
 use super::start::{self, Start};
-use super::{Campaign, Unit, source_of};
+use super::{Campaign, Unit, cycle, source_of};
 use crate::compare::surrogate;
 use crate::generate::case::program;
 use crate::generate::process::{Surroundings, clear, ends, excerpt, full};
@@ -132,7 +132,9 @@ fn make(
     if let Some((kind, why, seconds)) = failed {
         (started.tried, started.note, cost.tried) = (Some(kind), Some(why), seconds);
     }
+    let duration = settings.end_time.unwrap_or(source.end) - source.start;
     let stored = plan.stored(&mesh, &sisters, scale);
+    let stored = stored.map(|(every, kept)| (cycle::dividing(every, duration), kept));
     if let Some(stored) = stored {
         source.store(case, stored, None)?;
     }
