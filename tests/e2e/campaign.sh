@@ -95,6 +95,13 @@ refused 'has no \[\[quantity\]\]' m4gn campaign run --store study
 quantity study 'scale = "Ulid"' 'held_out = 0.25' 'start = "nearest"'
 refused 'has no run r7: expected one of r01' m4gn campaign one r7 --store study
 
+# A column that no file of the case uses would make all runs alike
+cp study/parameters.csv as-made.csv
+sed '1s/$/,density/; 2,$s/$/,1/' as-made.csv > study/parameters.csv
+refused 'uses the parameter density' m4gn campaign run --store study
+refused 'uses the parameter density' m4gn campaign one r01 --store study
+mv as-made.csv study/parameters.csv
+
 # What a stopped run leaves is told
 mkdir -p study/runs/r02/case
 runs m4gn campaign status --store study

@@ -37,6 +37,7 @@ use crate::generate::process::Surroundings;
 use case::{MadeFrom, Source};
 use m4gn_base::{Error, Result, listed, refuse};
 use record::State;
+use sampling::{Parameter, Values};
 use settings::Settings;
 use start::Sister;
 use std::path::{Path, PathBuf};
@@ -118,6 +119,19 @@ impl Campaign {
         let source = source_of(&settings, &table, &table.rows[0], None, &folder, tools)?;
         let (files, places) = (source.digests()?, table.places());
         Ok(Campaign { folder, settings, table, source, files, places })
+    }
+
+    /// What has to be there before a run is made: a quantity, and a file of the case that uses each parameter, also one that was added to the table.
+    ///
+    /// # Errors
+    /// As [`Settings::check_quantities`] and [`survey::check_uses`].
+    fn check(&self) -> Result<()> {
+        self.settings.check_quantities(&self.folder)?;
+        let values = |i: usize| self.table.rows.iter().map(|row| row.values[i].clone()).collect();
+        let names = self.table.parameters.iter().cloned().enumerate();
+        let all = names.map(|(i, name)| Parameter { name, values: Values::List(values(i)) });
+        let all: Vec<Parameter> = all.collect();
+        survey::check_uses(&self.source, &all, &survey::texts(&self.source)?).map(drop)
     }
 
     /// The run of a row.

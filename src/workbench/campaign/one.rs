@@ -38,7 +38,7 @@ pub fn one(
     tools: &Surroundings,
     say: &mut dyn FnMut(&str),
 ) -> Result<Outcome> {
-    campaign.settings.check_quantities(&campaign.folder)?;
+    campaign.check()?;
     let _lock = tools.take_turn(&campaign.folder_of(unit), say)?;
     one_claimed(campaign, unit, anew, tools)
 }

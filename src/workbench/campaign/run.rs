@@ -47,7 +47,7 @@ pub fn run(
     tools: &Surroundings,
     say: &mut dyn FnMut(&str),
 ) -> Result<(usize, usize)> {
-    campaign.settings.check_quantities(&campaign.folder)?;
+    campaign.check()?;
     let all = shard(campaign.units(), asked.shard)?;
     let (mut missing, mut stale, mut failed) = (Vec::new(), Vec::new(), 0);
     for &unit in &all {
