@@ -33,7 +33,10 @@ Foam::dictionary m4gn::FoamCase::Data::function_object() const
 
 std::string m4gn::FoamCase::Data::start_name() const
 {
-    return Foam::Time::timeName(time.startTime().value());
+    // timeFormat may have another name than the user's folder. Time 0 is also that of constant
+    const Foam::instant start(time.startTime().value());
+    const Foam::word stored(time.findInstancePath(start));
+    return stored.empty() || stored == time.constant() ? start.name() : stored;
 }
 
 void m4gn::FoamCase::set_node_types(const rust::Vec<rust::String>& keys, const rust::Vec<rust::String>& types)

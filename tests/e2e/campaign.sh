@@ -310,6 +310,14 @@ grep -q '"end_time": 0.1,' ends/runs/r01/done && grep -q '"end_time": 0.2,' ends
 sed -i 's/^#include.*times"/endTime 2;/' cavity/system/controlDict
 rm cavity/constant/times cavity/system/simulationParameters
 
+# The folder of the first time is found by its value, whatever timeFormat calls it
+echo 'timeFormat scientific;' >> cavity/system/controlDict
+runs m4gn campaign init cavity --out named --parameter Ulid=1,1.1 --parameter n=20
+quantity named 'start = "nearest"'
+runs m4gn campaign run --store named
+expect_log 'from nearest r0[12],'
+sed -i '/^timeFormat /d' cavity/system/controlDict
+
 # A flow that repeats itself: runs between others start from the cycles of these
 # shellcheck disable=SC2016  # names of OpenFOAM
 sed -i 's/lid { .*/lid { type uniformFixedValue; uniformValue sine; uniformValueCoeffs { frequency 4; amplitude 0.5; scale ($Ulid 0 0); level ($Ulid 0 0); } value $internalField; }/' \
