@@ -146,16 +146,16 @@ impl Bodies {
         points.iter().map(of).collect()
     }
 
-    /// Writes a trajectory; `from` says where it is from.
+    /// Writes a trajectory; `from` and `inputs` say what it is made from.
     ///
     /// # Errors
     /// As [`Writer`]'s.
-    pub fn write(&self, path: &Path, split: Split, from: &str) -> Result<()> {
+    pub fn write(&self, path: &Path, split: Split, (from, inputs): (&str, &str)) -> Result<()> {
         let d = FieldMeta { name: "D".into(), vector: true, dimensions: [0, 1, 0, 0, 0, 0, 0] };
         let options = WriteOptions {
             fields: std::iter::once(d).chain(self.fields.iter().map(|f| f.0.clone())).collect(),
             provenance: json!({
-                "application": "m4gn convert", "from": from, "location": "points",
+                "application": "m4gn convert", "from": from, "inputs": inputs, "location": "points",
                 "material": "not in the data: E 1 Pa, rho 1 kg/m^3, Poisson's ratio as given",
             }),
             split,

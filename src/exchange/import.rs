@@ -5,8 +5,9 @@ use super::copies::Copies;
 use super::points::Points;
 use super::tfrecord::TfRecord;
 use super::{Array, Arrays, npz};
+use m4gn_base::digest::Digest;
 use m4gn_base::{Error, Result, refuse};
-use m4gn_data::Split;
+use m4gn_data::{Split, Trajectory};
 use std::path::{Path, PathBuf};
 
 /// Poisson's ratio of bodies whose material is not known.
@@ -59,10 +60,11 @@ impl Source {
 }
 
 /// Writes each trajectory of a file: the only one to `out` where that is the name of a file (`*.h5`), else into that folder, as
-/// `NAME-00000.h5` and so on; those that are there already are kept. `done` is told of each file, and whether it was there.
+/// `NAME-00000.h5` and so on; those that were made of the same are kept. `done` is told of each file, and whether it was there.
 ///
 /// # Errors
-/// [`Error::File`] naming the place in the file that cannot be read or makes no trajectory; those of `done`.
+/// [`Error::File`] naming the place in the file that cannot be read or makes no trajectory, or a trajectory of the same name that was made of
+/// something else; those of `done`.
 pub fn import(
     path: &Path,
     out: &Path,
@@ -90,8 +92,15 @@ pub fn import(
             ));
         }
         let file: PathBuf = if single { out.into() } else { out.join(format!("{name}-{count:05}.h5")) };
+        let inputs = inputs(&arrays, split, options);
         let kept = !single && file.exists();
-        if !kept {
+        if kept {
+            refuse(
+                Trajectory::open(&file)?.provenance()["inputs"] != inputs[..],
+                |what: String| Error::file(&file, what),
+                || "was made of other arrays, with another --split, --dt or --poisson, or by another m4gn: choose another folder, or remove it",
+            )?;
+        } else {
             let numbered = |e| match (e, single) {
                 (Error::File { path, message }, false) => {
                     Error::file(path, format!("trajectory {count}: {message}"))
@@ -102,7 +111,7 @@ pub fn import(
                 true => {
                     let poisson = options.poisson.unwrap_or(POISSON);
                     let bodies = Bodies::new(&arrays, options.dt, poisson, path).map_err(numbered)?;
-                    bodies.write(&file, split, &from)?;
+                    bodies.write(&file, split, (&from, &inputs))?;
                 }
                 false => {
                     refuse(
@@ -111,7 +120,7 @@ pub fn import(
                         || "--poisson: it is for bodies, and this file has triangles: leave it out",
                     )?;
                     let points = Points::new(&arrays, options.dt, path).map_err(numbered)?;
-                    points.write(&file, split, &from)?;
+                    points.write(&file, split, (&from, &inputs))?;
                 }
             }
         }
@@ -122,4 +131,16 @@ pub fn import(
         0 => Err(Error::file(path, "holds no trajectory")),
         n => Ok(n),
     }
+}
+
+/// A digest of all that a trajectory is made from.
+fn inputs(arrays: &Arrays, split: Split, options: &Options) -> String {
+    let mut digest = Digest::default();
+    for (name, array) in arrays {
+        let shape = array.shape.iter().flat_map(|n| n.to_le_bytes());
+        let values = array.data.iter().flat_map(|v| v.to_le_bytes());
+        digest.add(name, &shape.chain(values).collect::<Vec<u8>>());
+    }
+    digest.add("options", format!("{split:?} {:?} {:?}", options.dt, options.poisson).as_bytes());
+    digest.text()
 }

@@ -86,14 +86,14 @@ impl Points {
         self.fields.first().map_or(0, |f| f.1.shape[0])
     }
 
-    /// Writes a trajectory; `from` says where it is from.
+    /// Writes a trajectory; `from` and `inputs` say what it is made from.
     ///
     /// # Errors
     /// As [`Writer`]'s.
-    pub fn write(&self, path: &Path, split: Split, from: &str) -> Result<()> {
+    pub fn write(&self, path: &Path, split: Split, (from, inputs): (&str, &str)) -> Result<()> {
         let options = WriteOptions {
             fields: self.fields.iter().map(|f| f.0.clone()).collect(),
-            provenance: json!({ "application": "m4gn convert", "from": from, "location": "points" }),
+            provenance: json!({ "application": "m4gn convert", "from": from, "inputs": inputs, "location": "points" }),
             split,
             overwrite: false,
         };

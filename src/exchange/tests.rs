@@ -104,6 +104,11 @@ fn archives_and_copies_give_the_same() {
         };
         assert_eq!(import(&path, &out, &dt, &mut done).unwrap(), 2);
     }
+    let other = Options { dt: Some(0.25), ..dt.clone() };
+    m4gn_samples::fails(
+        import(&path, &out, &other, &mut |_, _| Ok(())),
+        &["valid-00000.h5", "another --split"],
+    );
     assert_eq!(seen[..2], ["valid-00000.h5", "valid-00001.h5"]);
     let t = Trajectory::open(out.join("valid-00001.h5")).unwrap();
     check(&t);
