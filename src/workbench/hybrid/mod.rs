@@ -25,6 +25,7 @@ use crate::generate::process::Surroundings;
 use crate::generate::queue;
 use m4gn_base::digest::Digest;
 use m4gn_base::{Error, Result, lock, plugin, refuse};
+use m4gn_model::Model;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -76,10 +77,17 @@ pub struct DrawResult {
     pub failed: Vec<(String, String)>,
 }
 
+/// Whether one of two times is a whole multiple of the other.
+fn meet(a: f64, b: f64) -> bool {
+    let ratio = a.max(b) / a.min(b);
+    (ratio - ratio.round()).abs() <= 1e-3 * ratio
+}
+
 /// Runs everything that is not there yet; `say` is told of each run that ends. Results in the order of the draws.
 ///
 /// # Errors
-/// [`Error::Interrupted`] when the user stops. [`Error::Input`] for settings or a schedule that cannot be. [`Error::File`]
+/// [`Error::Interrupted`] when the user stops. [`Error::Input`] for settings or a schedule that cannot be, or that the model's stride
+/// does not meet. [`Error::File`]
 /// when the folder cannot be used, or OpenFOAM's libraries cannot be loaded. Failed runs are in the results.
 pub fn run(plan: &Plan, say: impl Fn(&str) + Sync) -> Result<Vec<DrawResult>> {
     let settings = plan.schedule.settings(&plan.settings);
@@ -96,6 +104,15 @@ pub fn run(plan: &Plan, say: impl Fn(&str) + Sync) -> Result<Vec<DrawResult>> {
     let mut network = libraries;
     if let Some(model) = &plan.model {
         network.add_file("file", model)?;
+        let (stride, interval) = (Model::read(model)?.spec.stride, plan.schedule.interval);
+        refuse(!plan.answers && !meet(stride, interval), Error::Input, || {
+            format!(
+                "{} makes strides of {stride} s, and hybrid.interval of the family {} is {interval} s: expected one to be a whole \
+                 multiple of the other, so that its runs store the times of the full one",
+                model.display(),
+                plan.family.name
+            )
+        })?;
     }
     let mut averages = Digest::default();
     if plan.answers {
@@ -124,4 +141,13 @@ pub fn run(plan: &Plan, say: impl Fn(&str) + Sync) -> Result<Vec<DrawResult>> {
     })?;
     results.sort_by_key(|r| r.index);
     Ok(results)
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn strides_meet_stored_times() {
+        let meet = |stride: f64| super::meet(stride, 0.02);
+        assert!(meet(0.02) && meet(0.08) && meet(0.005) && !meet(0.03) && !meet(0.012));
+    }
 }
