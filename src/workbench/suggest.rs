@@ -73,6 +73,8 @@ impl Motion {
 struct Field {
     name: String,
     vector: bool,
+    /// Of a body, all but its displacement, which is all that its network has.
+    beside: bool,
     motions: Vec<Motion>,
     values: Vec<f32>,
 }
@@ -93,6 +95,7 @@ impl Field {
         let (least, most) = (self.value(0.0), self.value(1.0));
         match self.name.as_str() {
             "nut" | "alphat" => Part::Out,
+            _ if self.beside => Part::Out,
             name if name == "deltaT" || self.motions.iter().all(Motion::steady) => {
                 if most - least > 1e-6 * most.abs().max(least.abs()) { Part::Given } else { Part::Out }
             }
@@ -171,6 +174,7 @@ impl Seen {
             let mut field = Field {
                 name: meta.name.clone(),
                 vector: meta.vector,
+                beside: body && meta.name != "D",
                 motions: Vec::new(),
                 values: Vec::new(),
             };
@@ -399,7 +403,8 @@ mod tests {
     fn field(name: &str, frames: &[Vec<f32>], longest: usize) -> Field {
         let mut values = frames.last().unwrap().clone();
         values.sort_by(f32::total_cmp);
-        Field { name: name.into(), vector: false, motions: vec![Motion::of(frames, longest)], values }
+        let motions = vec![Motion::of(frames, longest)];
+        Field { name: name.into(), vector: false, beside: false, motions, values }
     }
 
     fn seen(fields: Vec<Field>) -> Seen {
@@ -467,6 +472,11 @@ mod tests {
         };
         // Whatever digits and zeros the stride has
         assert_eq!([2.5e-11, 2.5e5].map(|interval| of(interval).model.stride), [1e-10, 1e6]);
+        // A body with its stress
+        let stress = Field { beside: true, ..field("sigmaEq", &wave(2.0), 10) };
+        let body = Seen { body: true, ..seen(vec![field("D", &wave(0.0), 10), stress]) };
+        let config = Config::parse(&text(&body, 4, None, 64, false, 30.0)).unwrap();
+        assert_eq!(config.model.fields.len(), 1);
         let config = of(0.01);
         assert_eq!((config.model.stride, config.segments.count), (0.04, 55));
         // sqrt(5000/2000) times the spacing
