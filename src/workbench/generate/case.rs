@@ -9,6 +9,8 @@ use super::queue::{Case, other_number};
 use m4gn_base::digest::Digest;
 use m4gn_base::{Error, Result, files, listed, refuse};
 use m4gn_data::{Split, Trajectory};
+use std::fs::Permissions;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -99,7 +101,11 @@ impl Family {
     /// # Errors
     /// [`Error::File`] when a file cannot be written.
     pub(crate) fn write(&self, files: &Files, functions: &str, folder: &Path) -> Result<()> {
-        files.iter().try_for_each(|(file, bytes)| put(&folder.join(file), bytes))?;
+        for (file, bytes) in files {
+            let to = folder.join(file);
+            put(&to, bytes)?;
+            stay_program(&self.folder.join(file), &to)?;
+        }
         put(&folder.join("system/functions"), functions.as_bytes())
     }
 
@@ -341,6 +347,17 @@ fn put(path: &Path, bytes: &[u8]) -> Result<()> {
     std::fs::create_dir_all(folder)
         .and_then(|()| std::fs::write(path, bytes))
         .map_err(|e| Error::file(path, format!("cannot be written: {e}")))
+}
+
+/// What can be run in the family's folder can be run in the case.
+fn stay_program(from: &Path, to: &Path) -> Result<()> {
+    let mode = |path: &Path| path.metadata().map_or(0, |m| m.permissions().mode());
+    let run = mode(from) & 0o111;
+    if run == 0 {
+        return Ok(());
+    }
+    std::fs::set_permissions(to, Permissions::from_mode(mode(to) | run))
+        .map_err(|e| Error::file(to, format!("cannot be made a program: {e}")))
 }
 
 /// The trajectory that `solver` left in the folder, which must have `frames` frames after its first.

@@ -135,7 +135,9 @@ fn an_unknown_placeholder_is_told() {
     let write = || family.write(&family.files(&draw, times)?, "", &dir.path().join("case"));
     fails(write(), &["my-family/a", "@size@"]);
     std::fs::write(folder.join("a"), "1 @ 2 @@ @deltaT@").unwrap();
+    std::fs::set_permissions(folder.join("a"), Permissions::from_mode(0o755)).unwrap();
     write().unwrap();
+    assert_eq!(dir.path().join("case/a").metadata().unwrap().permissions().mode() & 0o111, 0o111);
     let written = std::fs::read_to_string(dir.path().join("case/a")).unwrap();
     assert_eq!(written, "1 @ 2 @@ 0.5");
     // What family.toml has wrong
