@@ -279,9 +279,17 @@ fn check(trajectory: &Trajectory, spec: &ModelSpec, frames: usize) -> Result<()>
     for field in &spec.fields {
         let found = trajectory.field(&field.name)?;
         if (found.vector, found.dimensions) != (field.vector, field.dimensions) {
+            let kind = |vector: bool, dimensions: [i32; 7]| {
+                format!("a {} of dimensions {dimensions:?}", if vector { "vector" } else { "scalar" })
+            };
             return Err(Error::file(
                 path,
-                format!("no field `{}` of the kind in the longest trajectory", field.name),
+                format!(
+                    "field `{}` is {}, in the longest trajectory {}: take those of one kind out of the folder",
+                    field.name,
+                    kind(found.vector, found.dimensions),
+                    kind(field.vector, field.dimensions)
+                ),
             ));
         }
     }
