@@ -41,14 +41,14 @@ bool Foam::m4gnStaleFields::stale(const regIOobject& object) const
         type.ends_with("Field")
         && (type.starts_with("vol") || type.starts_with("surface") || type.starts_with("point"));
 
-    // Old times go with their field
-    std::string name(object.name());
-    while (name.size() > 2 && name.substr(name.size() - 2) == "_0") {
+    // Old times go with their field; a ray's ILambda_0_0 is none
+    const auto made = [&](const word& name) { return advanced_.found(name) || derived_.found(name); };
+    word name(object.name());
+    while (name.ends_with("_0") && !made(name)) {
         name.resize(name.size() - 2);
     }
 
-    return field && object.writeOpt() == IOobject::AUTO_WRITE && !advanced_.found(word(name, false))
-           && !derived_.found(word(name, false));
+    return field && object.writeOpt() == IOobject::AUTO_WRITE && !made(name);
 }
 
 Foam::wordList Foam::m4gnStaleFields::names(const wordList& advanced)
