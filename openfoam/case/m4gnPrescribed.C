@@ -125,10 +125,25 @@ template <class Type> void Foam::m4gnPrescribed::say(const label i, const scalar
 
         Time& time = const_cast<Time&>(mesh_.time());
         const scalar now = time.value();
-        time.setTime(now + later, time.timeIndex());
-        tmp<fvPatchField<Type>> copy(patch.clone(patch.internalField()));
-        copy.ref().evaluate();
-        faceValues = copy();
+        const auto evaluate = [&](const scalar then) {
+            time.setTime(then, time.timeIndex());
+            tmp<fvPatchField<Type>> copy(patch.clone(patch.internalField()));
+            copy.ref().evaluate();
+            faceValues = copy();
+        };
+        // A table (outOfBounds error) need not go on behind the end of the run
+        const bool thrown = FatalError.throwExceptions(), thrownIO = FatalIOError.throwExceptions();
+        bool ends = false;
+        try {
+            evaluate(now + later);
+        } catch (const Foam::error&) {
+            ends = true;
+        }
+        FatalError.throwExceptions(thrown);
+        FatalIOError.throwExceptions(thrownIO);
+        if (ends) {
+            evaluate(min(now + later, time.endTime().value()));
+        }
         if (sum) {
             faceValues += sum->oldTime().boundaryField()[patchi];
         }

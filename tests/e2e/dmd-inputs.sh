@@ -18,7 +18,7 @@ replaces 0.1 'a pulsating inlet'
 close_to ../plain 0.1 3/U
 
 # Gusts: a number by chance each 0.12 s, known beforehand and never seen before
-gusts() { awk -v form="$3" -v level="$1" -v size="$2" 'BEGIN { srand(3); for (t = 0; t < 9; t += .12) printf "(%.2f " form ") ", t, level + size*(2*rand() - 1) }'; }
+gusts() { awk -v form="$3" -v level="$1" -v size="$2" 'BEGIN { srand(3); for (t = 0; t < 6.1; t += .12) printf "(%.2f " form ") ", t, level + size*(2*rand() - 1) }'; }
 control endTime 6
 inlet "type uniformFixedValue; uniformValue table ($(gusts 0.2 0.02 '(%.6f 0 0)')); value uniform (0.2 0 0);"
 plain 3 6
@@ -48,11 +48,12 @@ runs reconstructPar
 close_to ../whole 0.01 3/U
 control endTime 6
 
-# A cylinder that turns by a table, in a steady inlet
+# A cylinder that turns by a table, in a steady inlet; the table ends with the run
 clean_case
+echo "($(gusts 0 1 %.6f))" > constant/turns
 inlet 'type fixedValue; value uniform (0.2 0 0);'
 cp 0/U U
-sed -i "/cylinder/,/}/c\\    walls { type noSlip; } cylinder { type rotatingWallVelocity; origin (0.31 0.212 0); axis (0 0 1); omega table ($(gusts 0 1 %.6f)); value uniform (0 0 0); }" 0/U
+sed -i "/cylinder/,/}/c\\    walls { type noSlip; } cylinder { type rotatingWallVelocity; origin (0.31 0.212 0); axis (0 0 1); omega tableFile; omegaCoeffs { file \"<constant>/turns\"; outOfBounds error; } value uniform (0 0 0); }" 0/U
 plain 3 6
 ride "$dmd"
 expect_log 'inputs that are known beforehand: U at cylinder'
