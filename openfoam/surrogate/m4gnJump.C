@@ -25,6 +25,15 @@ bool atTimes(const timeControl& control)
            || control.control() == timeControl::ocOnEnd;
 }
 
+//- Entries of its controls, by their present names: OpenFOAM takes outputControl as well, and warns of it each time
+dictionary entriesOf(const functionObjects::timeControl& controls)
+{
+    dictionary entries(controls.dict());
+    entries.changeKeyword("outputControl", "writeControl", true);
+    entries.changeKeyword("outputInterval", "writeInterval", true);
+    return entries;
+}
+
 //- Do to both controls of each function object that count times from the run's start
 template <class Action> void eachAtTimes(functionObjectList& list, const Action& action)
 {
@@ -35,7 +44,7 @@ template <class Action> void eachAtTimes(functionObjectList& list, const Action&
                 auto& control = const_cast<timeControl&>(
                     what == "write" ? controls->writeControl() : controls->executeControl());
                 if (atTimes(control) && control.control() != timeControl::ocOnEnd) {
-                    action(control, controls->dict(), word(what + "Interval"));
+                    action(control, entriesOf(*controls), word(what + "Interval"));
                 }
             }
         }
@@ -66,13 +75,13 @@ void runAt(functionObject& object, Time& time, const scalar deltaT, const bool w
 
     time.setDeltaT(control && atTimes(*control) ? min(deltaT, stride) : seen, false);
     if (within) {
-        dictionary here(controls->dict());
+        dictionary here(entriesOf(*controls));
         here.set(writes ? "writeInterval" : "executeInterval", label(1));
         control->read(here);
     }
     writes ? object.write() : object.execute();
     if (within) {
-        control->read(controls->dict());
+        control->read(entriesOf(*controls));
     }
     time.setDeltaT(stride, false);
 }

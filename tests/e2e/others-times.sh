@@ -34,6 +34,14 @@ near "$(total 1.1)" 0.22 "time that is averaged over each fifth step"
 anew "$surrogate" "$(average 'executeControl timeStep; executeInterval 2; writeControl onEnd;')"
 near "$(total 1.1)" 0.55 "time that is averaged over each second step"
 
+# The former names of its entries say the same
+for name in write output; do
+    anew "$surrogate" "rows { type volFieldValue; libs (fieldFunctionObjects); fields (p); operation max; regionType all; writeFields no; log no;
+        ${name}Control timeStep; ${name}Interval 20; }"
+    mv postProcessing/rows/0/volFieldValue.dat ../$name.dat
+done
+cmp ../write.dat ../output.dat || fail "rows with outputControl are others than with writeControl"
+
 # What they keep is there in a jump, and where one begins, and a run goes on with it
 for time in 0.5 0.55 0.6 0.75; do
     [ -f ../behind/$time/uniform/functionObjects/functionObjectProperties ] || fail "no functionObjectProperties at $time"
