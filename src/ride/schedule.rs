@@ -73,8 +73,10 @@ pub fn steps_of(stride: f64, delta_t: f64) -> i64 {
 /// Time to the next state of a jump of a fit, s: that which is wanted, but no more steps of the solver than come to the end of the stride, of
 /// which `rest` is left.
 pub fn duration(within: f64, rest: f64, delta_t: f64) -> f64 {
+    // The last of them may be stretched to a time to write
+    let (steps, most) = (steps_of(within, delta_t) as f64, (rest / delta_t - 1e-6).ceil().max(1.0));
     match within > 0.0 {
-        true => within.min((rest / delta_t - 1e-6).ceil().max(1.0) * delta_t),
+        true => within * (most / steps).min(1.0),
         false => rest,
     }
 }
@@ -116,6 +118,7 @@ mod tests {
         assert_eq!(duration(0.0, 0.25, 0.1), 0.25, "nothing is wanted before its end");
         assert_eq!(duration(0.1, 0.25, 0.1), 0.1);
         assert_eq!(duration(0.07, 0.25, 0.1), 0.07, "a time to write");
+        assert_eq!(duration(0.13, 0.05, 0.1), 0.13, "a step that is stretched to one");
         assert!((duration(9.0, 0.25, 0.1) - 0.3).abs() < 1e-12, "three steps come to its end");
         assert!((duration(9.0, 0.3 + 1e-12, 0.1) - 0.3).abs() < 1e-12, "rounding");
         assert_eq!(duration(9.0, 0.01, 0.1), 0.1);
