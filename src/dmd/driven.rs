@@ -220,6 +220,13 @@ impl Driven {
         (0..k).map(|l| (self.m as f64).sqrt() * of(l) / self.squares[l]).collect()
     }
 
+    /// Square of the difference of inputs, over that of what they vary by in the window.
+    pub(crate) fn square(&self, a: &[f64], b: &[f64]) -> f64 {
+        let off: f64 =
+            a.iter().zip(b).zip(&self.squares).map(|((a, b), square)| square * (a - b).powi(2)).sum();
+        off / self.squares.iter().sum::<f64>()
+    }
+
     /// The rest of a state from its products with the window's snapshots, and its inputs.
     pub(crate) fn rest(&self, row: &[f64], input: &[f64]) -> Vec<f64> {
         let (r, k, scale) = (self.shape.rank, self.inputs(), (self.m as f64).sqrt());

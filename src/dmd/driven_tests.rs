@@ -101,7 +101,7 @@ fn a_linear_system_with_an_input_is_recovered_and_no_fit_without_inputs_foretell
     let fit = online.fit().unwrap();
     assert!(fit.model.inputs() == 1 && fit.tail_error() < 1e-6, "{fit:?}");
     assert!(online.predict(1.0).is_none(), "nobody has told what the input will be");
-    assert_eq!(tell(&mut online, 59, 200.0), 200);
+    assert_eq!(tell(&mut online, 59, 200.0), 400);
     assert_eq!(tell(&mut online, 59, 200.0), 0, "it is known already");
     for strides in [1, 7, 200] {
         let (own, exact) = (predicted(&online, strides as f64), system.at(59 + strides));
@@ -178,4 +178,12 @@ fn what_the_window_has_not_seen_is_refused() {
     online.foresee(1.0, &[&[], &[], &inlet(3.0)]);
     let message = online.later(&online.outlook().unwrap(), 1.0).unwrap_err().to_string();
     assert!(message.contains("an input goes beyond"), "{message}");
+    // Another course between the samples
+    let mut online = system.seen(60, 60);
+    online.fit().unwrap();
+    for s in [0.5, 1.0] {
+        online.foresee(s, &[&[], &[], &inlet(signal(59.0 + s) + if s < 1.0 { 0.4 } else { 0.0 })]);
+    }
+    let message = online.later(&online.outlook().unwrap(), 1.0).unwrap_err().to_string();
+    assert!(message.contains("faster than states are apart"), "{message}");
 }

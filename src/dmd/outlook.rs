@@ -11,6 +11,10 @@ use crate::spectrum::Mode;
 use m4gn_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 
+/// How far inputs halfway between samples may be off the samples' mean, root mean squares over what they vary by: a wave of three samples a
+/// period is by a half, one of fourteen by a fortieth.
+const UNRESOLVED: f64 = 0.5;
+
 /// What a fit says of the times after a sample, whatever comes after it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outlook {
@@ -163,6 +167,18 @@ impl OnlineDmd {
                 }
             }
         }
+        let between_samples = |n: i64| {
+            let (a, b) = (input((from + n - 1) as f64)?, input((from + n) as f64)?);
+            Some((input(from as f64 + n as f64 - 0.5)?, combined(&[a, b], &[0.5, 0.5])))
+        };
+        let off: Vec<f64> =
+            (1..).map_while(between_samples).map(|(v, mean)| driven.square(&v, &mean)).collect();
+        if off.iter().sum::<f64>() > UNRESOLVED * UNRESOLVED * off.len() as f64 {
+            return Err(Error::Numerical(
+                "what is prescribed changes faster than states are apart: the solver goes on; expected a snapshotInterval of a tenth of its period"
+                    .into(),
+            ));
+        }
         let rests = driven.follow(rests, &inputs).map_err(Error::Numerical)?;
         let place = (driven.shape.delays - 1) as i64 + whole(strides).0;
         let weights = match interpolated {
@@ -187,8 +203,9 @@ impl OnlineDmd {
             return Vec::new();
         };
         let (last, interpolated) = last(strides);
-        let mut all: Vec<f64> = (1..=last).map(|n| n as f64).collect();
-        if interpolated && strides > 0.0 {
+        // Those between say whether the samples tell of what is prescribed
+        let mut all: Vec<f64> = (1..=last).flat_map(|n| [n as f64 - 0.5, n as f64]).collect();
+        if interpolated && strides > 0.0 && !all.iter().any(|s| (s - strides).abs() < SAME) {
             all.push(strides);
         }
         all.retain(|s| !self.state.foreseen.iter().any(|f| (f.position - from as f64 - s).abs() < SAME));
