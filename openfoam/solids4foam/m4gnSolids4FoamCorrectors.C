@@ -44,12 +44,12 @@ struct protectedParts : public solidModel
     }
 };
 
-//- The patch's condition, if it is one that has a traction, which conditions of
-//  contact relax from corrector to corrector
+//- The patch's condition, if it is one of contact, which relaxes its traction
+//  from corrector to corrector. Prescribed tractions stay to the bit.
 solidTractionFvPatchVectorField* loaded(fvPatchVectorField& patch)
 {
-    return isA<solidTractionFvPatchVectorField>(patch) ? &refCast<solidTractionFvPatchVectorField>(patch)
-                                                       : nullptr;
+    return patch.type() == "rigidCylinderContact" ? &refCast<solidTractionFvPatchVectorField>(patch)
+                                                  : nullptr;
 }
 
 } // End anonymous namespace
@@ -68,9 +68,9 @@ Foam::tmp<Foam::vectorField> Foam::m4gnSolids4FoamLaw::unknowns(const volScalarF
         forAll(patch, facei) {
             const scalar distance = 1 / patch.patch().deltaCoeffs()[facei];
             all.append(distance * gradients()[facei]);
-            all.append(
-                condition ? distance / impK.boundaryField()[patchi][facei] * condition->traction()[facei]
-                          : vector::zero);
+            if (condition) {
+                all.append(distance / impK.boundaryField()[patchi][facei] * condition->traction()[facei]);
+            }
         }
     }
 
@@ -95,9 +95,8 @@ bool Foam::m4gnSolids4FoamLaw::take(
             const scalar coeff = patch.patch().deltaCoeffs()[facei];
             gradient(patch)[facei] = coeff * unknowns[i++];
             if (condition) {
-                condition->traction()[facei] = coeff * impK.boundaryField()[patchi][facei] * unknowns[i];
+                condition->traction()[facei] = coeff * impK.boundaryField()[patchi][facei] * unknowns[i++];
             }
-            ++i;
         }
     }
 

@@ -39,6 +39,8 @@ while read -r ranks name material traction part held; do
     close_to ../full "1e-$((7 - ranks))" 0.01/{D,sigma}
     # solids4foam itself carries on from D only
     if [ "$ranks" -gt 1 ] || [ ! -f 0/D ]; then continue; fi
+    # What is prescribed stays to the bit: m4gnSurrogate refuses conditions that change from step to step
+    grep -q "traction  *uniform (0 $traction 0);" 0.01/D || fail "$what: the traction at the tip is no longer $traction"
     keep end 0.02
     rm -r 0.01?* 0.02
     control startFrom latestTime
