@@ -103,6 +103,12 @@ pub fn jumps(decisions: &[Decision]) -> Result<Vec<Jump>> {
     Ok(jumps)
 }
 
+/// Most correctors of a time step, where the solver usually made so many before a jump.
+pub fn capped(decisions: &[Decision]) -> Option<u64> {
+    let capped = decisions.iter().find(|d| d["event"] == "correctors" && d["before"] == d["cap"]);
+    capped.and_then(|d| d["cap"].as_u64())
+}
+
 impl Jump {
     /// What of it can be recomputed of a run that has written these times, s, ascending; none: nothing is written in it.
     pub fn stretch(&self, times: &[f64]) -> Option<Stretch> {
@@ -159,6 +165,14 @@ mod tests {
         assert_eq!((found[0].fields.len(), found[0].held.len()), (2, 1));
         let old = [json!({ "time": 1, "event": "jump_begun" }), json!({ "time": 2, "event": "handed_back" })];
         assert!(jumps(&old).unwrap_err().to_string().contains("run it again"));
+    }
+
+    #[test]
+    fn steps_that_end_at_the_cap_are_told() {
+        let steps = |before: u64| json!({ "time": 1.2, "event": "correctors", "before": before, "after": [20], "cap": 20 });
+        assert_eq!(capped(&told()), None);
+        assert_eq!(capped(&[steps(7)]), None, "after a jump alone");
+        assert_eq!(capped(&[steps(7), steps(20)]), Some(20));
     }
 
     #[test]

@@ -102,7 +102,12 @@ pub fn run(plan: &Plan, mut progress: impl FnMut(usize, usize)) -> Result<Report
         kept.put()?;
     }
     let description = run.description();
-    Ok(Report { case: description.path.clone(), application: description.application.clone(), jumps: all })
+    Ok(Report {
+        case: description.path.clone(),
+        application: description.application.clone(),
+        jumps: all,
+        capped: jumps::capped(&decisions),
+    })
 }
 
 /// What of each jump is recomputed, with the jump's number.
@@ -265,7 +270,7 @@ mod tests {
         let found = stretches(&mut all, &[0.0, 1.5, 2.5, 4.0]);
         assert_eq!(found.iter().map(|(i, s)| (*i, s.from)).collect::<Vec<_>>(), [(0, 0), (1, 1)]);
         assert_eq!(all.iter().map(|j| j.earlier_jumps).collect::<Vec<_>>(), [0, 1, 0]);
-        let report = Report { jumps: all, ..Report::default() };
+        let report = Report { jumps: all, capped: Some(20), ..Report::default() };
         let notes = report.notes().join("\n");
         for text in [
             "in 1 the errors",
@@ -273,6 +278,7 @@ mod tests {
             "1 cannot be verified",
             "writeJumps yes;",
             "purgeWrite 0;",
+            "at nCorrectors 20",
         ] {
             assert!(notes.contains(text), "{notes}");
         }

@@ -40,6 +40,8 @@ pub struct Report {
     pub application: String,
     /// All jumps.
     pub jumps: Vec<Verified>,
+    /// Correctors at which the run's time steps end, short of their tolerance, where they do: such a solver goes on otherwise from files.
+    pub capped: Option<u64>,
 }
 
 impl Report {
@@ -90,6 +92,13 @@ impl Report {
                 "writeJumps yes; in the dictionary of m4gnSurrogate writes where each jump begins and ends, purgeWrite 0; in controlDict keeps it"
                     .into(),
             );
+        }
+        if let Some(cap) = self.capped {
+            notes.push(format!(
+                "the run's time steps end at nCorrectors {cap}: {} goes on otherwise from files, and errors of that count as well. \
+                 Raise nCorrectors until steps reach their tolerance, and run it again",
+                self.application
+            ));
         }
         let failed = self.jumps.iter().enumerate().filter(|(_, j)| j.failed);
         notes
