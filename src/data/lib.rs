@@ -64,5 +64,5 @@ pub use other::{is_trajectory, open_other};
 pub use recorder::{FieldValues, Recorder};
 pub use schema::{FieldMeta, Frame, Split};
 pub use states::States;
-pub use trajectory::{Trajectory, list};
+pub use trajectory::{Trajectory, interval, list};
 pub use writer::{WriteOptions, Writer};

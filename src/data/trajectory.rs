@@ -302,6 +302,15 @@ impl Trajectory {
     }
 }
 
+/// Mean time from frame to frame, s, and the first frame that does not come so long after the one before, to the digits that times are written
+/// with; none of fewer than two frames.
+pub fn interval(times: &[f64]) -> Option<(f64, Option<usize>)> {
+    let [first, .., last] = *times else { return None };
+    let mean = (last - first) / (times.len() - 1) as f64;
+    let uneven = times.windows(2).position(|w| (w[1] - w[0] - mean).abs() > 1e-3 * mean);
+    Some((mean, uneven.map(|i| i + 1)))
+}
+
 /// Trajectories of a folder (`*.h5`, sorted by name), or the one file given.
 ///
 /// Files being recorded have other names and are never listed.

@@ -208,8 +208,7 @@ pub(super) fn interval(arrays: &Arrays, dt: Option<f64>, path: &Path) -> Result<
 pub(super) fn with_times(times: &[f64]) -> Arrays {
     let mut arrays =
         Arrays::from([("times".into(), Array { shape: vec![times.len()], data: times.to_vec() })]);
-    if let [first, .., last] = times {
-        let dt = (last - first) / (times.len() - 1) as f64;
+    if let Some((dt, _)) = m4gn_data::interval(times) {
         arrays.insert("dt".into(), Array { shape: Vec::new(), data: vec![dt] });
     }
     arrays

@@ -330,13 +330,11 @@ fn describe(draft: ModelSpec, first: &Trajectory) -> Result<ModelSpec> {
 
 /// Frames in one model step: the stride over the frame interval, which must be a whole number.
 fn frames_a_step(times: &[f64], stride: f64, path: &Path) -> Result<usize> {
-    let count = times.len();
-    if count < 2 {
+    let Some((interval, uneven)) = dataset::interval(times) else {
+        let count = times.len();
         return Err(Error::file(path, format!("{count} frames: at least two are needed to learn from")));
-    }
-    let interval = (times[count - 1] - times[0]) / (count - 1) as f64;
-    let uneven = times.windows(2).any(|w| ((w[1] - w[0]) / interval - 1.0).abs() > 1e-3);
-    let steps = stride / interval;
+    };
+    let (uneven, steps) = (uneven.is_some(), stride / interval);
     if uneven || steps < 0.5 || (steps - steps.round()).abs() > 1e-3 * steps {
         return Err(Error::file(
             path,

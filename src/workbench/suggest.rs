@@ -3,7 +3,7 @@
 use crate::bench::{Runs, Trial};
 use crate::signal::median;
 use m4gn_base::{Error, Result, refuse};
-use m4gn_data::{Split, Trajectory, list};
+use m4gn_data::{Split, Trajectory, interval, list};
 use m4gn_domain::body::gap::cell_size;
 use m4gn_learn::NativeBackend;
 use m4gn_report::{number, seconds};
@@ -153,13 +153,14 @@ impl Seen {
                 ),
             ));
         };
-        let (interval, dim, body) = (interval(first), first.mesh().dim(), first.body().is_some());
+        let mean = |t: &Trajectory| interval(t.times()).map_or(f64::NAN, |(mean, _)| mean);
+        let (interval, dim, body) = (mean(first), first.mesh().dim(), first.body().is_some());
         for t in &all {
             refuse(
-                (self::interval(t) - interval).abs() > 1e-3 * interval,
+                (mean(t) - interval).abs() > 1e-3 * interval,
                 |m| Error::file(t.path(), m),
                 || {
-                    let (found, expected) = (number(self::interval(t), 4), number(interval, 4));
+                    let (found, expected) = (number(mean(t), 4), number(interval, 4));
                     format!(
                         "a frame each {found} s, expected each {expected} s, as in {}",
                         first.path().display()
@@ -214,12 +215,6 @@ impl Seen {
         let fits = |frames: &usize| moving().all(|f| f.turned(*frames) <= 1.0);
         (1..=longest).take_while(fits).last().unwrap_or(1)
     }
-}
-
-/// Mean time from frame to frame, s.
-fn interval(t: &Trajectory) -> f64 {
-    let times = t.times();
-    (times[times.len() - 1] - times[0]) / (times.len() - 1) as f64
 }
 
 /// What it is taken from, for people, and the text of the configuration.

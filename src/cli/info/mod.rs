@@ -4,7 +4,7 @@ mod body;
 
 use super::write_json;
 use m4gn_base::{Error, Result, listed};
-use m4gn_data::{Frame, Split, Trajectory, list};
+use m4gn_data::{Frame, Split, Trajectory, interval, list};
 use m4gn_mesh::{Mesh, NodeType};
 use m4gn_model::{Model, TrainedOn};
 use m4gn_report::{number, seconds};
@@ -49,18 +49,13 @@ pub fn run(args: Args) -> Result<()> {
 
 /// The interval of equidistant times, and that or the range of intervals in words.
 fn spacing(times: &[f64]) -> (Option<f64>, String) {
-    let intervals = times.windows(2).map(|w| w[1] - w[0]);
-    let [low, high] = intervals.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], v| [a.min(v), b.max(v)]);
-    match times {
-        [] | [_] => (None, String::new()),
-        // As exact as models need it.
-        [first, .., last] if high - low <= 1e-3 * low => {
-            let interval = (last - first) / (times.len() - 1) as f64;
-            (Some(interval), format!(", every {} s", seconds(interval)))
-        }
-        _ => {
-            let text = format!(", at irregular intervals of {} to {} s", seconds(low), seconds(high));
-            (None, text)
+    match interval(times) {
+        None => (None, String::new()),
+        Some((interval, None)) => (Some(interval), format!(", every {} s", seconds(interval))),
+        Some(_) => {
+            let all = times.windows(2).map(|w| w[1] - w[0]);
+            let [low, high] = all.fold([f64::INFINITY, 0.0], |[a, b], v| [a.min(v), b.max(v)]);
+            (None, format!(", at irregular intervals of {} to {} s", seconds(low), seconds(high)))
         }
     }
 }

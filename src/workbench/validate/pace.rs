@@ -1,6 +1,7 @@
 //! Frames of a data set against the stride of a model.
 
 use m4gn_base::{Error, Result};
+use m4gn_data::interval;
 
 /// How the frames of a trajectory and the model's stride fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,24 +21,20 @@ impl Pace {
     /// [`Error::Model`] when the times are not equidistant, the stride is no multiple of their interval, or there is
     /// not one step.
     pub fn new(times: &[f64], stride: f64) -> Result<Self> {
-        let [first, .., last] = *times else {
+        let Some((interval, uneven)) = interval(times) else {
             return Err(Error::Model(format!("a step needs two frames, found {}", times.len())));
         };
-        let interval = (last - first) / (times.len() - 1) as f64;
-        // Times are written with some digits only.
-        let slack = 1e-3 * interval;
-        if let Some(i) = times.windows(2).position(|w| (w[1] - w[0] - interval).abs() > slack) {
+        if let Some(i) = uneven {
             return Err(Error::Model(format!(
-                "frame {} is at {} s, {} s after the one before, and the {} frames are {interval} s apart on average: \
+                "frame {i} is at {} s, {} s after the one before, and the {} frames are {interval} s apart on average: \
                  expected equal intervals; record with a fixed time step and interval",
-                i + 1,
-                times[i + 1],
-                times[i + 1] - times[i],
+                times[i],
+                times[i] - times[i - 1],
                 times.len()
             )));
         }
         let frames = (stride / interval).round();
-        if frames < 1.0 || (frames * interval - stride).abs() > slack * frames {
+        if frames < 1.0 || (frames * interval - stride).abs() > 1e-3 * interval * frames {
             return Err(Error::Model(format!(
                 "the model steps {stride} s and the frames are {interval} s apart: the stride must be a multiple of the interval"
             )));
@@ -47,7 +44,7 @@ impl Pace {
             0 => Err(Error::Model(format!(
                 "the model steps {stride} s, and the {} frames cover {} s only",
                 times.len(),
-                last - first
+                times[times.len() - 1] - times[0]
             ))),
             steps => Ok(Pace { interval, frames, steps }),
         }
@@ -55,13 +52,7 @@ impl Pace {
 
     /// Whether `times` end before the first step of `stride`, s, does.
     pub fn is_short(times: &[f64], stride: f64) -> bool {
-        match *times {
-            [first, .., last] => {
-                let intervals = (times.len() - 1) as f64;
-                (stride * intervals / (last - first)).round() > intervals
-            }
-            _ => true,
-        }
+        interval(times).is_none_or(|(interval, _)| (stride / interval).round() > (times.len() - 1) as f64)
     }
 
     /// What RMSE-50 covers, s from the first frame: [`HORIZON`](super::HORIZON) recorded frames, whatever the model's
