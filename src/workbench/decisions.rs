@@ -1,5 +1,6 @@
 //! What a hybrid run has decided, as the function object m4gnSurrogate writes it (docs/reference/run-files.md): `postProcessing/NAME/decisions.jsonl`.
 
+use crate::user_case::names;
 use m4gn_base::{Error, Result, files};
 use serde_json::Value;
 use std::path::Path;
@@ -30,6 +31,42 @@ pub fn read(case: &Path, name: &str) -> Result<Vec<Decision>> {
 /// The last decision of this kind.
 pub fn last<'a>(decisions: &'a [Decision], event: &str) -> Option<&'a Decision> {
     decisions.iter().rfind(|d| d["event"] == event)
+}
+
+/// Names and decisions of the function objects that have jumped.
+///
+/// # Errors
+/// As [`read`].
+pub fn of_jumps(case: &Path) -> Result<Vec<(String, Vec<Decision>)>> {
+    let mut found = Vec::new();
+    for name in names(&case.join("postProcessing")).unwrap_or_default() {
+        let decisions = read(case, &name)?;
+        if last(&decisions, "handed_back").is_some() {
+            found.push((name, decisions));
+        }
+    }
+    Ok(found)
+}
+
+/// What began each jump, at the time of the solver's last state before it, and what was said when the surrogate's last one was handed back.
+pub fn jumps(decisions: &[Decision]) -> impl Iterator<Item = (&Decision, &Decision)> {
+    let mut begun = None;
+    decisions.iter().filter_map(move |decision| match decision["event"].as_str() {
+        Some("jump_begun") => {
+            begun = Some(decision);
+            None
+        }
+        Some("handed_back") => Some((begun.take()?, decision)),
+        _ => None,
+    })
+}
+
+/// Names of times have so many digits that they tell them apart: times that differ by less, over their size, are the same.
+const SAME: f64 = 5e-6;
+
+/// Whether a time is later than another one, and not the same with other digits.
+pub fn later(time: f64, than: f64) -> bool {
+    time > than + SAME * than.abs()
 }
 
 #[cfg(test)]

@@ -155,8 +155,7 @@ pub fn compare(
     }
     let mut reaction = match &options.patch {
         Some(patch) if solid => {
-            let jumps = surrogate.as_ref().map_or(Vec::new(), |s| s.jumps.clone());
-            Some(reaction::Track::new(a, b, patch, jumps)?)
+            Some(reaction::Track::new(a, b, patch, surrogate::jumps(Path::new(&b.description().path))?)?)
         }
         _ => None,
     };

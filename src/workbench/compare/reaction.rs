@@ -5,6 +5,7 @@
 
 use super::known;
 use super::report::{Row, both_runs, figures};
+use crate::decisions::later;
 use crate::foam_case::{self, FoamCase, Unknown};
 use m4gn_base::{Result, listed};
 use m4gn_mesh::vector::{dot, norm, sub};
@@ -61,7 +62,7 @@ pub(super) struct Track {
     times: Vec<f64>,
     forces: [Vec<[f64; 3]>; 2],
     left_out: BTreeMap<(&'static str, Unknown), usize>,
-    /// Ends of the first and the last step of each jump of B, s.
+    /// Begin and end of each jump of B, s.
     jumps: Vec<[f64; 2]>,
 }
 
@@ -105,11 +106,7 @@ impl Track {
         let rms = some.then(|| [rms(&a), rms(&b)]);
         let largest = some.then(|| [largest(&a), largest(&b)]);
         let over = |error: f64, of: Option<[f64; 2]>| Some(error / of.filter(|of| of[0] > 0.0)?[0]);
-        // Times in tables have six digits
-        let within = |t: f64, [first, last]: &[f64; 2]| {
-            let slack = 5e-6 * t.abs();
-            (first - slack..=last + slack).contains(&t)
-        };
+        let within = |t: f64, [begun, end]: &[f64; 2]| later(t, *begun) && !later(t, *end);
         let (surrogate, solver): (Vec<usize>, Vec<usize>) =
             (0..self.times.len()).partition(|&i| self.jumps.iter().any(|jump| within(self.times[i], jump)));
         let at = |of: &[usize], all: &[[f64; 3]]| self::rms(&of.iter().map(|&i| all[i]).collect::<Vec<_>>());

@@ -1,14 +1,10 @@
 //! The jumps of a run, as it has told them, and what of each can be recomputed.
 
-use crate::decisions::{self, Decision};
-use crate::user_case::names;
+use crate::decisions::{self, Decision, later};
 use m4gn_base::{Error, Result};
 use serde::Serialize;
 use serde_json::Value;
 use std::path::Path;
-
-/// Names of times have so many digits that they tell them apart: times that differ by less, over their size, are the same.
-const SAME: f64 = 5e-6;
 
 /// A jump.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -43,14 +39,7 @@ pub struct Stretch {
 /// # Errors
 /// [`Error::File`] where there is none, or there are several.
 pub fn decisions(case: &Path) -> Result<(String, Vec<Decision>)> {
-    let root = case.join("postProcessing");
-    let mut found = Vec::new();
-    for name in names(&root).unwrap_or_default() {
-        let decisions = decisions::read(case, &name)?;
-        if decisions::last(&decisions, "handed_back").is_some() {
-            found.push((name, decisions));
-        }
-    }
+    let (root, mut found) = (case.join("postProcessing"), decisions::of_jumps(case)?);
     match (found.pop(), found.pop()) {
         (Some(one), None) => Ok(one),
         (None, _) => Err(Error::file(
@@ -70,23 +59,15 @@ pub fn decisions(case: &Path) -> Result<(String, Vec<Decision>)> {
 /// # Errors
 /// [`Error::Input`] for a run that does not say what its jumps have advanced.
 pub fn jumps(decisions: &[Decision]) -> Result<Vec<Jump>> {
-    let mut begun: Option<&Decision> = None;
     let mut jumps = Vec::new();
-    for decision in decisions {
-        if decision["event"] == "jump_begun" {
-            begun = Some(decision);
-        }
-        if decision["event"] != "handed_back" {
-            continue;
-        }
-        let Some(begun) = begun.take().filter(|b| b["limited_by"] != "start_up") else { continue };
+    for (begun, back) in decisions::jumps(decisions).filter(|(b, _)| b["limited_by"] != "start_up") {
         let texts = |value: &Value| -> Vec<String> {
             value.as_array().into_iter().flatten().filter_map(|v| Some(v.as_str()?.to_string())).collect()
         };
         let jump = Jump {
             surrogate: begun["surrogate"].as_str().unwrap_or_default().to_string(),
             begun: begun["time"].as_f64().unwrap_or(f64::NAN),
-            ended: decision["time"].as_f64().unwrap_or(f64::NAN),
+            ended: back["time"].as_f64().unwrap_or(f64::NAN),
             fields: texts(&begun["fields"]),
             held: texts(&begun["held"]),
             tolerance: begun["tolerance"].as_f64(),
@@ -121,11 +102,6 @@ impl Jump {
     pub fn is_behind(&self, from: f64) -> bool {
         later(self.ended, from)
     }
-}
-
-/// Whether a time is later than another one, and not the same with other digits.
-fn later(time: f64, than: f64) -> bool {
-    time > than + SAME * than.abs()
 }
 
 /// The number of the time that is this one with other digits.
