@@ -1,6 +1,7 @@
 //! Running one tool: output into a log file, ended when it takes too long, the user stops, or this program ends.
 
 use super::guard::Guard;
+use crate::user_case::log::fatal;
 use m4gn_base::ffi::ask_to_end;
 use m4gn_base::{Error, Result, lock};
 use std::io::{ErrorKind, Read, Seek, SeekFrom};
@@ -175,22 +176,14 @@ pub(crate) fn ends(path: &Path, each: usize) -> String {
     String::from_utf8_lossy(&read().unwrap_or_default()).into_owned()
 }
 
-/// The message of an OpenFOAM tool's fatal error, or the last line of the log that says something: no rule of Open MPI, and no call that OpenFOAM lists
-/// on a signal.
+/// What an OpenFOAM program says of its fatal error, or the last line of the log that says something: no rule of Open MPI, and no call that OpenFOAM
+/// lists on a signal.
 fn reason(log: &Path) -> String {
     let text = excerpt(log);
-    let lines: Vec<&str> = text.lines().map(str::trim).collect();
-    let fatal = lines.iter().rposition(|l| l.contains("FOAM FATAL"));
-    let shown = match fatal {
-        Some(i) => {
-            lines[i + 1..].iter().filter(|l| !l.is_empty()).take(3).copied().collect::<Vec<_>>().join(" ")
-        }
-        None => {
-            let told = |l: &&&str| !l.starts_with('#') && l.contains(char::is_alphanumeric);
-            lines.iter().rfind(told).map_or(String::new(), |l| l.to_string())
-        }
-    };
-    if shown.is_empty() { shown } else { format!(": {}", shown.chars().take(400).collect::<String>()) }
+    let told = |l: &&str| !l.starts_with('#') && l.contains(char::is_alphanumeric);
+    let last = || text.lines().map(str::trim).rfind(told).map(|l| l.chars().take(400).collect());
+    let shown = fatal(&text).map(|(said, _)| said).or_else(last).filter(|shown| !shown.is_empty());
+    shown.map_or(String::new(), |shown| format!(": {shown}"))
 }
 
 /// Where each program is in PATH; None where it is not.
