@@ -58,8 +58,7 @@ pub fn run(args: Args) -> Result<()> {
     };
     let checked = check::run(&plan).map_err(of_seconds)?;
     tell(&checked);
-    let value = serde_json::to_value(&checked).map_err(|e| Error::Internal(e.to_string()))?;
-    write_json(args.json.as_deref(), &value)?;
+    write_json(args.json.as_deref(), &checked)?;
     let unfit = checked.findings.iter().filter(|f| f.why.is_some());
     let (open, refused): (Vec<&Finding>, Vec<&Finding>) = unfit.partition(|f| f.open);
     for (some, what) in [(refused, "does not fit"), (open, "it cannot be told yet whether it fits")] {

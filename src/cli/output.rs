@@ -4,6 +4,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use m4gn_base::files::write_whole;
 use m4gn_base::lock::{self, Lock};
 use m4gn_base::{Error, Result};
+use serde::Serialize;
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::io::ErrorKind;
@@ -100,11 +101,10 @@ pub(super) fn filled(template: &str, figures: &Value) -> String {
 ///
 /// # Errors
 /// [`Error::File`] when the file cannot be written.
-pub fn write_json(path: Option<&Path>, figures: &Value) -> Result<()> {
-    match path {
-        Some(path) => write_whole(path, format!("{figures:#}\n").as_bytes()),
-        None => Ok(()),
-    }
+pub fn write_json(path: Option<&Path>, figures: &impl Serialize) -> Result<()> {
+    let Some(path) = path else { return Ok(()) };
+    let figures = serde_json::to_value(figures).map_err(|e| Error::Internal(e.to_string()))?;
+    write_whole(path, format!("{figures:#}\n").as_bytes())
 }
 
 /// Claims the places of files that were asked for, none of which may be read as well ([`lock::outputs`]), before anything is computed.

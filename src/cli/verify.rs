@@ -50,8 +50,7 @@ pub fn run(args: Args) -> Result<()> {
     println!("{}: {}, {} jumps\n", report.case, report.application, report.jumps.len());
     println!("{}", report.table());
     report.notes().iter().for_each(|line| println!("  {line}"));
-    let value = serde_json::to_value(&report).map_err(|e| Error::Internal(e.to_string()))?;
-    write_json(args.json.as_deref(), &value)?;
+    write_json(args.json.as_deref(), &report)?;
     [&args.json, &plan.keep].into_iter().flatten().for_each(|path| println!("  wrote {}", path.display()));
     match report.fault() {
         None => Ok(()),
