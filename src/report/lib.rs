@@ -33,6 +33,11 @@ pub fn number(value: f64, digits: usize) -> String {
     }
 }
 
+/// As [`number`]; "-" for none.
+pub fn figure(value: Option<f64>, digits: usize) -> String {
+    number(value.unwrap_or(f64::NAN), digits)
+}
+
 /// A fraction as a percentage; "-" for none.
 pub fn percent(value: Option<f64>) -> String {
     match value {

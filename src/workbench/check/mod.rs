@@ -15,7 +15,7 @@ use crate::generate::process::{Surroundings, excerpt};
 use crate::user_case::{Copy, log};
 use m4gn_base::{Error, Result, refuse};
 use m4gn_parallel::Comm;
-use m4gn_report::number;
+use m4gn_report::{figure, number};
 use m4gn_train::{Request, delta, train_native};
 use serde::Serialize;
 use std::fs;
@@ -248,14 +248,13 @@ fn words(copy: &Copy, text: &str) -> String {
 
 /// What the jump was, for people.
 fn jump_text(jump: &Decision) -> String {
-    let figure = |name: &str| jump[name].as_f64().map_or("-".into(), |v| number(v, 3));
     let told = jump["quantities"].as_object().into_iter().flatten();
     let told: String =
         told.map(|(name, v)| format!("; {name} {}", number(v.as_f64().unwrap_or(f64::NAN), 2))).collect();
     format!(
         "jumped {} steps to time {} in {} s{told}",
         jump["strides"],
-        figure("time"),
+        figure(jump["time"].as_f64(), 3),
         number(seconds(jump), 2)
     )
 }

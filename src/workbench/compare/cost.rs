@@ -3,7 +3,7 @@
 use super::Options;
 use super::log::Log;
 use crate::foam_case::FoamCase;
-use m4gn_report::{Table, number, percent, seconds};
+use m4gn_report::{Table, figure, number, percent, seconds};
 use serde::Serialize;
 use std::path::Path;
 
@@ -95,7 +95,7 @@ impl Cost {
             ("after the takeover: processor time [s]", [self.processor_after_a, self.processor_after_b]),
         ];
         for (name, pair) in rows {
-            let [a, b] = pair.map(|v| v.map_or("-".into(), |v| number(v, 4)));
+            let [a, b] = pair.map(|v| figure(v, 4));
             table.row([name.to_string(), a, b, share(pair)]);
         }
         table

@@ -6,7 +6,7 @@ use crate::errors::FieldErrors;
 use crate::foam_case::Polygons;
 use m4gn_base::Result;
 use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
-use m4gn_report::{CellMap, Chart, Page, Series, Snapshot, Table, number, percent, seconds};
+use m4gn_report::{CellMap, Chart, Page, Series, Snapshot, Table, figure, number, percent, seconds};
 
 /// A figure of both runs: what it is, A and B, and the error.
 pub(super) type Row = (String, [Option<f64>; 2], String);
@@ -17,7 +17,7 @@ const HORIZONS: [usize; 6] = [1, 2, 5, 10, 20, 50];
 pub(super) fn figures(rows: Vec<Row>) -> Table {
     let mut table = Table::new(["", "full", "hybrid", "error"]);
     for (name, both, error) in rows {
-        let [a, b] = both.map(|v| v.map_or("-".into(), |v| number(v, 4)));
+        let [a, b] = both.map(|v| figure(v, 4));
         table.row([name, a, b, error]);
     }
     table
@@ -57,10 +57,7 @@ fn error_table(of: &str, times: &[f64], errors: &FieldErrors) -> Table {
             false => format!("RMSE-{}", i + 1),
         };
         let (hybrid, hold) = (errors.rmse[i], errors.hold_last_rmse[i]);
-        let ratio = match hold > 0.0 {
-            true => number(hybrid / hold, 3),
-            false => "-".into(),
-        };
+        let ratio = figure((hold > 0.0).then(|| hybrid / hold), 3);
         table.row([name, seconds(times[i]), number(hybrid, 3), number(hold, 3), ratio]);
     }
     table

@@ -2,7 +2,7 @@
 
 use super::score::Score;
 use m4gn_base::files;
-use m4gn_report::{number, percent};
+use m4gn_report::{figure, number, percent};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
@@ -42,10 +42,7 @@ impl RunRecord {
                 let ended = number(score.ended.unwrap_or_default(), 3);
                 format!(", ended at {ended} s, figures within {}", percent(score.answer))
             }
-            None => {
-                let end = score.end.map_or("-".into(), |e| number(e, 3));
-                format!(", error over the run {end} of holding")
-            }
+            None => format!(", error over the run {} of holding", figure(score.end, 3)),
         };
         if score.replaced.is_some() {
             text += &format!(", {} replaced", percent(score.replaced));

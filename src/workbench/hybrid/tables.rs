@@ -3,7 +3,7 @@
 use super::score::Score;
 use super::{Cost, DrawResult, RunRecord};
 use crate::signal::median;
-use m4gn_report::{Table, number};
+use m4gn_report::{Table, figure, number};
 use serde_json::{Value, json};
 
 /// Cases from which on three bands are shown.
@@ -75,10 +75,6 @@ fn times_as_fast(draw: &DrawResult, run: &RunRecord) -> Option<f64> {
     (full.processor > 0.0).then_some(score.solver_pace? * full.wall / full.processor / score.pace?)
 }
 
-fn text(value: Option<f64>) -> String {
-    value.map_or("-".into(), |v| number(v, 3))
-}
-
 /// The figures that some run has or could have: flows have no displacement, solids no drag.
 fn shown(results: &[DrawResult]) -> Vec<&'static Figure> {
     let could = |figure: &Figure, s: &Score| {
@@ -123,9 +119,9 @@ pub fn case_table(results: &[DrawResult], variants: &[String], order: &str) -> T
             row.extend(figures.iter().map(|(_, key, value)| match (*key, score(run)) {
                 ("lift", Some(Score { unsteadiness: Some(u), .. })) if *u > SHEDS => "sheds".into(),
                 ("lift", Some(Score { unsteadiness: Some(_), .. })) => "steady".into(),
-                _ => text(value(draw, run)),
+                _ => figure(value(draw, run), 3),
             }));
-            row.push(text(percent(score(run).and_then(|s| s.replaced))));
+            row.push(figure(percent(score(run).and_then(|s| s.replaced)), 3));
             row.push(score(run).filter(|s| s.cells > 0).map_or("-".into(), |s| s.cells.to_string()));
             row.extend(cost(run));
             table.row(row);

@@ -215,7 +215,7 @@ fn section(
     let mut baselines = serde_json::Map::new();
     for (key, name) in BASELINES {
         let mut row = [name, "", "", "", ""].map(String::from).to_vec();
-        let told = |c: &(&str, &str)| figure(first, key, c.0).map_or("-".into(), |v| number(v, 3));
+        let told = |c: &(&str, &str)| m4gn_report::figure(figure(first, key, c.0), 3);
         row.extend(columns.iter().map(told));
         table.row(row);
         baselines.insert(key.into(), first[key].clone());

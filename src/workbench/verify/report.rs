@@ -1,7 +1,7 @@
 //! What came of the jumps of a run: a table, notes, and whether all is well.
 
 use super::Jump;
-use m4gn_report::{Table, number};
+use m4gn_report::{Table, figure};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -55,16 +55,15 @@ impl Report {
         headers.extend(fields.iter().map(|f| format!("error({f})")));
         headers.extend(["worst", "of holding", "the run said", "tolerance"].map(String::from));
         let mut table = Table::new(headers);
-        let figure = |value: Option<f64>| value.map_or("-".into(), |v| number(v, 3));
-        let time = |value: Option<f64>| value.map_or("-".into(), |v| number(v, 6));
+        let time = |value: Option<f64>| figure(value, 6);
         for (i, one) in self.jumps.iter().enumerate() {
             let jump = &one.jump;
             let mark = if one.earlier_jumps > 0 { "*" } else { "" };
             let mut row = vec![format!("{} {}", i + 1, jump.surrogate)];
             row.extend([Some(jump.begun), Some(jump.ended)].map(time));
             row.extend([time(one.from) + mark, time(one.to)]);
-            row.extend(fields.iter().map(|f| figure(one.errors.get(*f).copied())));
-            row.extend([one.worst, one.of_holding(), jump.estimate, jump.tolerance].map(figure));
+            row.extend(fields.iter().map(|f| figure(one.errors.get(*f).copied(), 3)));
+            row.extend([one.worst, one.of_holding(), jump.estimate, jump.tolerance].map(|v| figure(v, 3)));
             table.row(row);
         }
         table
