@@ -45,7 +45,7 @@ pub fn write<'a>(path: &Path, all: impl IntoIterator<Item = (&'a str, &'a Watch)
 /// # Errors
 /// [`Error::File`] where the file cannot be read, and where it is not as [`write`] has left it.
 pub fn read(path: &Path) -> Result<Vec<Saved>> {
-    let bytes = files::read(path).map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
+    let bytes = files::read(path).map_err(Error::cannot("read", path))?;
     parse(&bytes).ok_or_else(|| {
         Error::file(
             path,

@@ -64,7 +64,7 @@ impl Column {
 pub fn read(path: &Path, name: &str) -> Result<Column> {
     let mut all = Column::default();
     for part in files_of(path)? {
-        let text = files::read_text(&part).map_err(|e| Error::file(&part, format!("cannot be read: {e}")))?;
+        let text = files::read_text(&part).map_err(Error::cannot("read", &part))?;
         // A restart that was ended before its first step has left no rows
         all.carried_on(rows(&text, name).map_err(|message| Error::file(&part, message))?);
     }

@@ -50,6 +50,11 @@ impl Error {
         Error::File { path: path.as_ref().to_path_buf(), message: message.into() }
     }
 
+    /// Why a file cannot be `done`, for `map_err`: `PATH: cannot be read: WHY`.
+    pub fn cannot<E: std::fmt::Display>(done: &str, path: impl AsRef<Path>) -> impl FnOnce(E) -> Self {
+        move |e| Error::file(path, format!("cannot be {done}: {e}"))
+    }
+
     /// Status code of the C ABI: positive, the object is still usable; negative, it is not.
     pub fn status(&self) -> i32 {
         match self {

@@ -109,7 +109,7 @@ fn read_holder(file: File) -> String {
 }
 
 fn make(folder: &Path) -> Result<()> {
-    std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, format!("cannot be made: {e}")))
+    std::fs::create_dir_all(folder).map_err(Error::cannot("made", folder))
 }
 
 fn claim(what: &Path, path: PathBuf) -> Result<Lock> {

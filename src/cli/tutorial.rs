@@ -36,6 +36,6 @@ pub fn run(args: Args) -> Result<()> {
         .args(&args.options)
         .env("M4GN_RUN", absolute(&args.out)?)
         .status()
-        .map_err(|e| Error::file(&script, format!("cannot be run: {e}")))?;
+        .map_err(Error::cannot("run", &script))?;
     refuse(!status.success(), Error::Input, || format!("tutorial {}: {status}, as told above", args.name))
 }

@@ -42,10 +42,7 @@ pub(super) struct Source<'a> {
 
 impl<'a> Source<'a> {
     pub(super) fn new(path: &'a Path) -> Result<Self> {
-        let bytes = path
-            .metadata()
-            .map(|m| m.len())
-            .map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
+        let bytes = path.metadata().map(|m| m.len()).map_err(Error::cannot("read", path))?;
         Ok(Source { path, bytes })
     }
 

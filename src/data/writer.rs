@@ -100,8 +100,7 @@ impl Writer {
         }
         check_absent(path, options.overwrite)?;
         if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder)
-                .map_err(|e| Error::file(folder, format!("cannot be made: {e}")))?;
+            std::fs::create_dir_all(folder).map_err(Error::cannot("made", folder))?;
         }
         let mut partial = OsString::from(".");
         partial.push(name);
@@ -332,7 +331,7 @@ impl Open {
         self.space
             .set_len(size)
             .and_then(|()| self.space.sync_all())
-            .map_err(|e| Error::file(path, format!("cannot be brought to the disk: {e}")))
+            .map_err(Error::cannot("brought to the disk", path))
     }
 }
 

@@ -17,7 +17,7 @@ pub(crate) const MOST_OF_A_BYTE: u64 = 1032;
 /// # Errors
 /// [`Error::File`] naming the entry and the byte at which it begins.
 pub fn entries(path: &Path, wanted: impl Fn(&str) -> bool) -> Result<Vec<(String, Vec<u8>)>> {
-    let bytes = files::read(path).map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
+    let bytes = files::read(path).map_err(Error::cannot("read", path))?;
     let damaged = |e| Error::file(path, format!("is no zip archive, or is truncated or damaged ({e})"));
     let archive = ZipArchive::from_slice(&bytes).map_err(damaged)?;
     let (mut found, mut most) = (Vec::new(), MOST_OF_A_BYTE * bytes.len() as u64);
@@ -153,7 +153,7 @@ pub fn write(path: &Path, arrays: &Arrays, whole: &[&str]) -> Result<()> {
         archive.finish()?;
         Ok(packed)
     };
-    let bytes = pack().map_err(|e| Error::file(path, format!("cannot be written: {e}")))?;
+    let bytes = pack().map_err(Error::cannot("written", path))?;
     files::write_whole(path, &bytes)
 }
 

@@ -15,7 +15,7 @@ pub fn begin(path: &Path, frames: &[(usize, f64)]) -> Result<Vec<PathBuf>> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let names: Vec<String> = frames.iter().map(|(number, _)| format!("{stem}_{number:04}.vtu")).collect();
     let old = match path.exists() {
-        true => files::read_text(path).map_err(|e| Error::file(path, format!("cannot be replaced: {e}")))?,
+        true => files::read_text(path).map_err(Error::cannot("replaced", path))?,
         false => String::new(),
     };
     let listed = |name: &str| old.contains(&format!("file=\"{}\"", super::page::escape(name)));
@@ -37,7 +37,7 @@ pub fn begin(path: &Path, frames: &[(usize, f64)]) -> Result<Vec<PathBuf>> {
         }
     }
     for file in rest {
-        std::fs::remove_file(&file).map_err(|e| Error::file(&file, format!("cannot be removed: {e}")))?;
+        std::fs::remove_file(&file).map_err(Error::cannot("removed", &file))?;
     }
     let list: Vec<_> = frames.iter().map(|f| f.1).zip(names.iter().cloned()).collect();
     write_file(path, pvd(&list).as_bytes())?;

@@ -34,7 +34,7 @@ struct Whole<T> {
 pub fn write<T: Serialize>(path: &Path, state: &T, parts: &[Vec<u8>]) -> Result<()> {
     if path.exists() {
         // What is written through is not read again, and a pipe is waited for.
-        files::check_plain(path).map_err(|e| Error::file(path, format!("cannot be written: {e}")))?;
+        files::check_plain(path).map_err(Error::cannot("written", path))?;
     }
     let whole = Whole { parts: parts.iter().map(|part| part.len() as u64).collect(), state };
     let text =

@@ -17,7 +17,7 @@ pub fn read(case: &Path, name: &str) -> Result<Vec<Decision>> {
     if !path.exists() {
         return Ok(Vec::new());
     }
-    let text = files::read_text(&path).map_err(|e| Error::file(&path, format!("cannot be read: {e}")))?;
+    let text = files::read_text(&path).map_err(Error::cannot("read", &path))?;
     let lines = text.lines().enumerate().map(|(i, line)| match serde_json::from_str::<Value>(line) {
         Ok(decision) if decision["time"].is_number() && decision["event"].is_string() => Ok(decision),
         _ => Err(Error::file(

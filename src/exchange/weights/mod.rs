@@ -35,7 +35,7 @@ pub enum Naming {
 pub fn read(path: &Path) -> Result<StateDict> {
     let tensors = match path.extension().is_some_and(|e| e == "safetensors") {
         true => {
-            let bytes = files::read(path).map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
+            let bytes = files::read(path).map_err(Error::cannot("read", path))?;
             let wrong = |what: String| Error::file(path, what);
             let file = SafeTensors::deserialize(&bytes)
                 .map_err(|e| wrong(format!("is no file of safetensors, or is damaged ({e})")))?;

@@ -13,7 +13,7 @@ use std::path::Path;
 /// # Errors
 /// What the engine returns; [`Error::File`] for what cannot be written.
 pub fn export(workload: &Workload, folder: &Path) -> Result<Value> {
-    std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, format!("cannot be made: {e}")))?;
+    std::fs::create_dir_all(folder).map_err(Error::cannot("made", folder))?;
     let structure = workload.structure()?;
     let graph = &structure.graph;
     let (inputs, mut outputs) = workload.values(graph)?;

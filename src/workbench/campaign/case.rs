@@ -105,8 +105,7 @@ impl Source {
         // What controlDict includes of the others, which are read alone
         for name in names(folder)?.iter().filter(|name| *name != "system" && !is_left(name)) {
             let link = scratch.join(name);
-            symlink(folder.join(name), &link)
-                .map_err(|e| Error::file(&link, format!("cannot be made: {e}")))?;
+            symlink(folder.join(name), &link).map_err(Error::cannot("made", &link))?;
         }
         write(&scratch.join(PARAMETERS), parameters)?;
         let copy = scratch.join("system/controlDict");
@@ -225,7 +224,7 @@ impl Source {
     /// [`Error::File`] for what cannot be renamed or written.
     pub fn control(&self, copy: &Path, settings: &Settings, plain: bool) -> Result<()> {
         let (control, own) = (copy.join("system/controlDict"), copy.join("system").join(CONTROL));
-        fs::rename(&control, &own).map_err(|e| Error::file(&control, format!("cannot be renamed: {e}")))?;
+        fs::rename(&control, &own).map_err(Error::cannot("renamed", &control))?;
         write(&control, &self.control_dict(settings, plain))
     }
 
@@ -236,8 +235,7 @@ impl Source {
     /// [`Error::File`] where its `controlDict` cannot be changed.
     pub fn store(&self, copy: &Path, stored: (f64, usize), last: Option<f64>) -> Result<()> {
         let path = copy.join("system/controlDict");
-        let mut text =
-            files::read_text(&path).map_err(|e| Error::file(&path, format!("cannot be read: {e}")))?;
+        let mut text = files::read_text(&path).map_err(Error::cannot("read", &path))?;
         text += &format!("writeInterval {};\npurgeWrite {};\nwriteFormat binary;\n", stored.0, stored.1);
         if let Some(last) = last {
             // One of them is the last state; half an interval more, and all are written
@@ -312,7 +310,7 @@ pub(super) fn takes_original(script: &str) -> bool {
 
 /// Writes a file of a copy.
 pub fn write(path: &Path, text: &str) -> Result<()> {
-    fs::write(path, text).map_err(|e| Error::file(path, format!("cannot be written: {e}")))
+    fs::write(path, text).map_err(Error::cannot("written", path))
 }
 
 /// Whether what has this name in a case's folder is left by runs.

@@ -43,7 +43,7 @@ impl Request {
     /// # Errors
     /// [`Error::File`] with the line; for several evaluations in a file, and for derivatives and metadata, which a run does not give.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = files::read_text(path).map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
+        let text = files::read_text(path).map_err(Error::cannot("read", path))?;
         Request::parse(&text).map_err(|message| Error::file(path, message))
     }
 

@@ -126,7 +126,7 @@ pub fn init(request: &Request, tools: &Surroundings) -> Result<Found> {
         text = text.replace(ENTRIES, &entries);
     }
 
-    std::fs::create_dir_all(&out).map_err(|e| Error::file(&out, format!("cannot be made: {e}")))?;
+    std::fs::create_dir_all(&out).map_err(Error::cannot("made", &out))?;
     let mut all = vec![(out.join(table::FILE), table.text()?), (file, text)];
     if !shared.exists() {
         notes.push(format!(

@@ -57,7 +57,7 @@ pub fn one_claimed(campaign: &Campaign, unit: Unit, anew: bool, tools: &Surround
     for name in [DONE, FAILED] {
         let path = folder.join(name);
         if path.exists() {
-            fs::remove_file(&path).map_err(|e| Error::file(&path, format!("cannot be removed: {e}")))?;
+            fs::remove_file(&path).map_err(Error::cannot("removed", &path))?;
         }
     }
     let mut all = Clock::new()?;
@@ -164,9 +164,7 @@ fn make(
         plan.behind(&mesh, &sisters, period, end_time - source.start).filter(|_| stored.is_none());
     if let Some(stored) = behind {
         let kept = log.with_extension("answer");
-        let moved = |from: &Path, to: &Path| {
-            fs::rename(from, to).map_err(|e| Error::file(from, format!("cannot be renamed: {e}")))
-        };
+        let moved = |from: &Path, to: &Path| fs::rename(from, to).map_err(Error::cannot("renamed", from));
         moved(&log, &kept)?;
         source.store(case, stored, Some(end_time))?;
         match limit(tools.run(case, &solver)) {
@@ -267,7 +265,7 @@ fn clear_ranks(case: &Path) -> Result<()> {
                  the whole case; have its programs run in serial (runApplication snappyHexMesh), or reconstructParMesh -constant behind them in prepare",
             ));
         }
-        fs::remove_dir_all(&folder).map_err(|e| Error::file(&folder, format!("cannot be removed: {e}")))?;
+        fs::remove_dir_all(&folder).map_err(Error::cannot("removed", &folder))?;
     }
     Ok(())
 }
@@ -284,7 +282,7 @@ fn forget_behind(case: &Path, end: f64) -> Result<()> {
     for folder in of_ranks(case)?.into_iter().chain([case.to_path_buf()]) {
         for (name, _) in times(&folder)?.into_iter().filter(|(_, time)| *time > end) {
             let path = folder.join(name);
-            fs::remove_dir_all(&path).map_err(|e| Error::file(&path, format!("cannot be removed: {e}")))?;
+            fs::remove_dir_all(&path).map_err(Error::cannot("removed", &path))?;
         }
     }
     Ok(())
@@ -357,7 +355,7 @@ impl Clock {
 /// `utime`, `stime`, `cutime` and `cstime` of proc(5), which are in hundredths of a second.
 fn processor_seconds() -> Result<f64> {
     let path = Path::new("/proc/self/stat");
-    let text = files::read_text(path).map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
+    let text = files::read_text(path).map_err(Error::cannot("read", path))?;
     // The name of the program, in brackets, may have blanks.
     let words = text.rsplit(')').next().unwrap_or("").split_whitespace();
     Ok(words.skip(11).take(4).filter_map(|w| w.parse::<f64>().ok()).sum::<f64>() / 100.0)

@@ -164,7 +164,7 @@ fn taken(case: &Path, first: &Path, change: impl FnOnce() -> Result<()>) -> Resu
     if done.is_err() {
         std::fs::remove_dir_all(first)
             .and_then(|()| std::fs::rename(&kept, first))
-            .map_err(|e| Error::file(first, format!("cannot be put back: {e}")))?;
+            .map_err(Error::cannot("put back", first))?;
     }
     let _ = std::fs::remove_dir_all(&kept);
     done

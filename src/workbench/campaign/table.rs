@@ -38,7 +38,7 @@ impl Table {
     /// [`Error::File`] with the line.
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(FILE);
-        let text = files::read_text(&path).map_err(|e| Error::file(&path, format!("cannot be read: {e}")))?;
+        let text = files::read_text(&path).map_err(Error::cannot("read", &path))?;
         Table::parse(&text).map_err(|message| Error::file(&path, message))
     }
 
@@ -128,7 +128,7 @@ pub fn with_row(folder: &Path, values: Vec<String>) -> Result<String> {
     let taken = |name: &String| table.rows.iter().any(|r| r.name == *name) || of_run(name);
     let first = table.rows.len() + 1;
     let name = (first..).map(|i| format!("r{i:02}")).find(|name| !taken(name)).unwrap_or_default();
-    let mut text = files::read_text(&path).map_err(|e| Error::file(&path, format!("cannot be read: {e}")))?;
+    let mut text = files::read_text(&path).map_err(Error::cannot("read", &path))?;
     if !text.ends_with('\n') {
         text.push('\n');
     }

@@ -79,7 +79,7 @@ impl Family {
         };
         let read = |file: PathBuf| {
             let from = self.folder.join(&file);
-            let bytes = files::read(&from).map_err(|e| Error::file(&from, format!("cannot be read: {e}")))?;
+            let bytes = files::read(&from).map_err(Error::cannot("read", &from))?;
             let bytes = match String::from_utf8(bytes) {
                 Err(binary) => binary.into_bytes(),
                 Ok(text) => match fill(&text, value) {
@@ -346,7 +346,7 @@ fn put(path: &Path, bytes: &[u8]) -> Result<()> {
     let folder = path.parent().unwrap_or(path);
     std::fs::create_dir_all(folder)
         .and_then(|()| std::fs::write(path, bytes))
-        .map_err(|e| Error::file(path, format!("cannot be written: {e}")))
+        .map_err(Error::cannot("written", path))
 }
 
 /// What can be run in the family's folder can be run in the case.

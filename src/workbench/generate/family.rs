@@ -191,8 +191,8 @@ impl Family {
     /// [`Error::File`] naming the file and what is wrong in it.
     pub fn load(folder: &Path) -> Result<Self> {
         let file = folder.join(FILE);
-        let folder = folder.canonicalize().map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
-        let text = files::read_text(&file).map_err(|e| Error::file(&file, format!("cannot be read: {e}")))?;
+        let folder = folder.canonicalize().map_err(Error::cannot("read", &file))?;
+        let text = files::read_text(&file).map_err(Error::cannot("read", &file))?;
         let mut family: Family =
             toml::from_str(&text).map_err(|e| Error::file(&file, e.to_string().trim().to_string()))?;
         family.name = folder.file_name().and_then(|n| n.to_str()).unwrap_or_default().into();

@@ -90,7 +90,7 @@ impl<C: Case> Queue<C> {
     pub fn run(&self, mut report: impl FnMut(&C, &Outcome<C::Figures>)) -> Result<()> {
         let _lock = lock::folder(&self.folder)?;
         let cases = self.folder.join("cases");
-        std::fs::create_dir_all(&cases).map_err(|e| Error::file(&cases, format!("cannot be made: {e}")))?;
+        std::fs::create_dir_all(&cases).map_err(Error::cannot("made", &cases))?;
         let mut missing = Vec::new();
         for case in &self.cases {
             let target = self.target(case);
@@ -127,8 +127,7 @@ impl<C: Case> Queue<C> {
         let result = case.run(&folder, &self.tools).and_then(|(recorded, figures)| {
             let target = self.target(case);
             let bytes = recorded.metadata().map_or(0, |m| m.len());
-            std::fs::rename(&recorded, &target)
-                .map_err(|e| Error::file(&target, format!("cannot be given its final name: {e}")))?;
+            std::fs::rename(&recorded, &target).map_err(Error::cannot("given its final name", &target))?;
             Ok(Made { path: target, bytes, seconds: start.elapsed().as_secs_f64(), figures })
         });
         let interrupted = matches!(result, Err(Error::Interrupted(_)));

@@ -45,7 +45,7 @@ impl Library {
     fn found(&self, folders: std::ffi::OsString) -> Result<bool> {
         let place = std::env::split_paths(&folders).map(|f| f.join(&self.library)).find(|p| p.is_file());
         let Some(place) = place else { return Ok(false) };
-        let bytes = std::fs::read(&place).map_err(|e| Error::file(&place, format!("cannot be read: {e}")))?;
+        let bytes = std::fs::read(&place).map_err(Error::cannot("read", &place))?;
         Ok(bytes.windows(self.has.len().max(1)).any(|part| part == self.has.as_bytes()))
     }
 }

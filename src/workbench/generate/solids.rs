@@ -80,7 +80,7 @@ impl Request {
         let path = folder.join("case.json");
         std::fs::create_dir_all(folder)
             .and_then(|()| std::fs::write(&path, request.to_string()))
-            .map_err(|e| Error::file(&path, format!("cannot be written: {e}")))
+            .map_err(Error::cannot("written", &path))
     }
 }
 
@@ -96,9 +96,8 @@ impl Case for Request {
         self.write(folder)?;
         tools.run(folder, &[self.python.as_str(), "-m", "m4gn_solids"])?;
         let result = folder.join("result.json");
-        let figures = std::fs::read_to_string(&result)
-            .map_err(|e| Error::file(&result, format!("cannot be read: {e}")))
-            .and_then(|text| {
+        let figures =
+            std::fs::read_to_string(&result).map_err(Error::cannot("read", &result)).and_then(|text| {
                 serde_json::from_str(&text)
                     .map_err(|e| Error::file(&result, format!("is not what was expected: {e}")))
             })?;

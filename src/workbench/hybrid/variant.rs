@@ -101,8 +101,7 @@ pub fn variants(
             settings.insert(parameter, value);
         }
         family.check_settings(&settings)?;
-        let entries = files::read_text(file)
-            .map_err(|e| Error::file(Path::new(file), format!("cannot be read: {e}")))?;
+        let entries = files::read_text(file).map_err(Error::cannot("read", Path::new(file)))?;
         all.push(hybrid(name, if model { NETWORK } else { "dmd" }, &entries, settings));
     }
     let own = schedule.plain.iter().map(|p| p.name.clone()).collect::<Vec<_>>();

@@ -47,7 +47,7 @@ impl<'a> Job<'a> {
         checked: &'a Checked,
     ) -> Result<Self> {
         let place = folder.join(&data.name).join(&network.name).join(seed.to_string());
-        fs::create_dir_all(&place).map_err(|e| Error::file(&place, format!("cannot be made: {e}")))?;
+        fs::create_dir_all(&place).map_err(Error::cannot("made", &place))?;
         let config = &checked.configs[&(data.name.clone(), network.name.clone())];
         let mut job = Job {
             made_from: made_from(plan, seed, &config.0, &checked.data[&data.train]),
@@ -241,7 +241,7 @@ fn path(path: &Path) -> Result<String> {
 }
 
 fn read(file: &Path) -> Result<Value> {
-    let text = files::read_text(file).map_err(|e| Error::file(file, format!("cannot be read: {e}")))?;
+    let text = files::read_text(file).map_err(Error::cannot("read", file))?;
     serde_json::from_str(&text)
         .map_err(|e| Error::file(file, format!("is not what 'm4gn' wrote: {e}; remove it")))
 }

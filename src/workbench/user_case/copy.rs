@@ -46,7 +46,7 @@ impl Copy {
         let original = absolute(case)?;
         let real = original.canonicalize().unwrap_or_else(|_| original.clone());
         let name = real.file_name().unwrap_or("case".as_ref());
-        fs::create_dir_all(beside).map_err(|e| Error::file(beside, format!("cannot be made: {e}")))?;
+        fs::create_dir_all(beside).map_err(Error::cannot("made", beside))?;
         let mut copy = Copy { folder: beside.join(name), original, ..Copy::default() };
         let system = copy.folder.join("system");
         copy_all(&copy.original.join("system"), &system)?;
@@ -197,7 +197,7 @@ impl Copy {
             self.control().display()
         );
         let path = self.folder.join("system/controlDict");
-        fs::write(&path, text).map_err(|e| Error::file(path, format!("cannot be written: {e}")))
+        fs::write(&path, text).map_err(Error::cannot("written", path))
     }
 
     /// A text with the paths of the user's case.

@@ -96,7 +96,7 @@ pub(crate) fn has_regions(case: &Path) -> bool {
 
 /// Names of all that a folder has.
 pub(crate) fn names(folder: &Path) -> Result<Vec<String>> {
-    let entries = fs::read_dir(folder).map_err(|e| Error::file(folder, format!("cannot be read: {e}")))?;
+    let entries = fs::read_dir(folder).map_err(Error::cannot("read", folder))?;
     Ok(entries.flatten().filter_map(|e| e.file_name().into_string().ok()).collect())
 }
 

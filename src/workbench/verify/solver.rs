@@ -97,8 +97,7 @@ pub(super) fn replace(copy: &Copy, stretch: &[&(String, f64)], kept: &Path) -> R
         for (name, t) in &stretch[1..] {
             let Some(i) = number_of(*t, &values) else { continue };
             let old = to.join(name);
-            std::fs::remove_dir_all(&old)
-                .map_err(|e| Error::file(&old, format!("cannot be replaced: {e}")))?;
+            std::fs::remove_dir_all(&old).map_err(Error::cannot("replaced", &old))?;
             copy_all(&part.join(&written[i].0), &old)?;
         }
     }
