@@ -2,6 +2,7 @@
 
 use super::settings::{Quantity, Settings, Statistic};
 use super::table::{Row, Table};
+use crate::generate::case::put;
 use crate::generate::openfoam::scratch;
 use crate::generate::process::Surroundings;
 use crate::user_case::script::ORIGINAL;
@@ -107,7 +108,7 @@ impl Source {
             let link = scratch.join(name);
             symlink(folder.join(name), &link).map_err(Error::cannot("made", &link))?;
         }
-        write(&scratch.join(PARAMETERS), parameters)?;
+        put(&scratch.join(PARAMETERS), parameters)?;
         let copy = scratch.join("system/controlDict");
         let in_the_case = |e: Error| match e {
             Error::File { message, .. } => {
@@ -201,7 +202,7 @@ impl Source {
         if !later && !first.exists() && copy.join(ORIGINAL).is_dir() {
             copy_all(&copy.join(ORIGINAL), &first)?;
         }
-        write(&copy.join(PARAMETERS), parameters)
+        put(&copy.join(PARAMETERS), parameters)
     }
 
     /// The case with the end and the function objects of a copy's `controlDict`, where the commands of `prepare` have left another one there.
@@ -225,7 +226,7 @@ impl Source {
     pub fn control(&self, copy: &Path, settings: &Settings, plain: bool) -> Result<()> {
         let (control, own) = (copy.join("system/controlDict"), copy.join("system").join(CONTROL));
         fs::rename(&control, &own).map_err(Error::cannot("renamed", &control))?;
-        write(&control, &self.control_dict(settings, plain))
+        put(&control, self.control_dict(settings, plain))
     }
 
     /// Has a run store states: each after `stored.0` s, of which `stored.1` are kept, in binary, as sisters read all of them. `last`: the time at which
@@ -243,7 +244,7 @@ impl Source {
             let off = [AVERAGES, SURROGATE].map(|name| format!("    {name} {{ enabled no; }}\n")).concat();
             text += &format!("startFrom latestTime;\nendTime {end};\nfunctions\n{{\n{off}}}\n");
         }
-        write(&path, &text)
+        put(&path, text)
     }
 
     /// The `controlDict` of a run: the user's, from its start time, with its last state alone, and our function objects behind the user's. No run is
@@ -306,11 +307,6 @@ pub(super) fn takes_original(script: &str) -> bool {
     commands
         .filter(|c| !c.contains("processor"))
         .any(|c| ["restore0Dir", ORIGINAL].iter().any(|word| c.contains(word)))
-}
-
-/// Writes a file of a copy.
-pub fn write(path: &Path, text: &str) -> Result<()> {
-    fs::write(path, text).map_err(Error::cannot("written", path))
 }
 
 /// Whether what has this name in a case's folder is left by runs.

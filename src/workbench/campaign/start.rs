@@ -1,12 +1,12 @@
 //! What a run starts from.
 
-use super::case::write;
 use super::cycle;
 use super::plan::{Kind, Plan};
 use super::record::{Record, Started};
 use super::table::number;
 use crate::cycle::Cycle;
 use crate::foam_case::{FoamCase, Source};
+use crate::generate::case::put;
 use crate::generate::process::Surroundings;
 use crate::user_case::{copy_all, has_regions, header, names, times};
 use m4gn_base::digest::Digest;
@@ -133,7 +133,7 @@ fn nearest(
             take(&mut open, &of(first.clone(), 1.0 / own_ratio))?;
         }
         // Only cells are mapped: the values of boundaries are the run's own
-        write(
+        put(
             &case.join("system/mapFieldsDict"),
             &(header("mapFieldsDict") + "patchMap ();\ncuttingPatches ();\n"),
         )?;

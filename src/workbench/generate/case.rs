@@ -106,7 +106,7 @@ impl Family {
             put(&to, bytes)?;
             stay_program(&self.folder.join(file), &to)?;
         }
-        put(&folder.join("system/functions"), functions.as_bytes())
+        put(&folder.join("system/functions"), functions)
     }
 
     /// A digest of all that a case is made from: its files, and the commands that run in it, in their order.
@@ -342,7 +342,8 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-fn put(path: &Path, bytes: &[u8]) -> Result<()> {
+/// Writes a file of a case, and makes its folder.
+pub(crate) fn put(path: &Path, bytes: impl AsRef<[u8]>) -> Result<()> {
     let folder = path.parent().unwrap_or(path);
     std::fs::create_dir_all(folder)
         .and_then(|()| std::fs::write(path, bytes))
@@ -357,7 +358,7 @@ fn stay_program(from: &Path, to: &Path) -> Result<()> {
         return Ok(());
     }
     std::fs::set_permissions(to, Permissions::from_mode(mode(to) | run))
-        .map_err(|e| Error::file(to, format!("cannot be made a program: {e}")))
+        .map_err(Error::cannot("made a program", to))
 }
 
 /// The trajectory that `solver` left in the folder, which must have `frames` frames after its first.

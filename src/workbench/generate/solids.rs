@@ -3,7 +3,7 @@
 //! The package runs in an environment of its own, which `setup/solids.sh` makes outside the checkout. It draws the
 //! parameters (again, where a draw has no quasi-static path), meshes with gmsh, simulates with FElupe and records.
 
-use super::case::whole;
+use super::case::{put, whole};
 use super::process::Surroundings;
 use super::queue::{Case, other_number};
 use m4gn_base::plugin::folder_variable;
@@ -77,10 +77,7 @@ impl Request {
             "points": self.points, "poisson": self.poisson, "split": self.split, "frames": self.frames, "interval": self.interval,
             "command": self.command,
         });
-        let path = folder.join("case.json");
-        std::fs::create_dir_all(folder)
-            .and_then(|()| std::fs::write(&path, request.to_string()))
-            .map_err(Error::cannot("written", &path))
+        put(&folder.join("case.json"), request.to_string())
     }
 }
 

@@ -5,6 +5,7 @@ use super::{
     BLOCK_MESH, LEFT_OUT, copy_all, entry, function_objects, has_mesh, header, log, mentions, names,
     read_all, time, times,
 };
+use crate::generate::case::put;
 use crate::generate::openfoam::absolute;
 use crate::generate::process::{Surroundings, excerpt};
 use m4gn_base::{Error, Result, files};
@@ -196,8 +197,7 @@ impl Copy {
             header("controlDict"),
             self.control().display()
         );
-        let path = self.folder.join("system/controlDict");
-        fs::write(&path, text).map_err(Error::cannot("written", path))
+        put(&self.folder.join("system/controlDict"), text)
     }
 
     /// A text with the paths of the user's case.
