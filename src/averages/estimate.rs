@@ -70,6 +70,8 @@ const CAUTION_MEAN: f64 = 1.0;
 const CAUTION_SQUARE: f64 = 3.0;
 /// Periods from which on the means of a signal that repeats itself are all that its mean can be: few of them look like the slowest memory.
 const MIN_PERIODS: usize = 8;
+/// Half-width of a record at rest, which counts no samples, over that by its samples, up to which it is taken: these are one or two then.
+const FEW_SAMPLES: f64 = 4.0;
 /// Change over the record, over the rms of the fluctuations, below which a drift widens the interval and no more.
 const DRIFTS: f64 = 0.02;
 
@@ -102,7 +104,8 @@ struct Record {
 /// of those pieces is beyond what their scatter about it allows at this confidence.
 ///
 /// A record whose transient takes more than half of it, or whose figures drift, may have settled all the same: to a signal that repeats itself
-/// ([`settling::to_repetition`]), or to a value (a steady solver's, [`settling::to_value`]).
+/// ([`settling::to_repetition`]), or to a value (a steady solver's, [`settling::to_value`]). One that rests but for a solver's noise has no independent
+/// samples to speak of, and is known by what it ranges over ([`settling::at_rest`]).
 ///
 /// None for fewer than 16 rows, and for values whose squares are no numbers.
 pub fn estimate(series: &Series, confidence: f64) -> Option<Estimate> {
@@ -171,7 +174,21 @@ pub fn estimate(series: &Series, confidence: f64) -> Option<Estimate> {
         !steady || (e.half_width <= found.half_width && e.rms_half_width <= found.rms_half_width)
     };
     let value = || settling::to_value(series).filter(|_| over || found.mean_drifts);
-    Some(settling::to_repetition(series).filter(better).or_else(value).unwrap_or(found))
+    let found = settling::to_repetition(series).filter(better).or_else(value).unwrap_or(found);
+    let few = |(_, half_width): &((f64, f64), f64)| *half_width <= FEW_SAMPLES * found.half_width;
+    let rest = if found.mean_steady { None } else { settling::at_rest(series).filter(few) };
+    Some(match rest {
+        Some((range, half_width)) => Estimate {
+            mean: series.mean(range, |r| r.value),
+            half_width,
+            mean_change: 0.0,
+            mean_steady: true,
+            mean_drifts: false,
+            transient_end: series.time_at(range.0),
+            ..found
+        },
+        None => found,
+    })
 }
 
 /// Cuts the transient, and to whole periods.

@@ -7,6 +7,8 @@ use crate::estimate::{Estimate, Oscillation, constant, extent, oscillation, repe
 const SETTLES: f64 = 0.7;
 /// Share of its whole range within which a record has settled to a value.
 const SETTLED: f64 = 0.01;
+/// Range of a record's last three quarters over that of the part before, up to which it rests.
+const RESTS: f64 = 1.1;
 /// Shares of the record, at its end, in which a repeating signal is looked for.
 const ENDS: [f64; 3] = [0.5, 0.35, 0.25];
 /// Fewest periods in such an end, which is cut into this many blocks of whole periods.
@@ -40,6 +42,17 @@ pub(crate) fn to_value(series: &Series) -> Option<Estimate> {
         rms_steady: false,
         ..constant(series, range, mean)
     })
+}
+
+/// The end of a record that rests, but for a solver's noise, and how far its mean may be from the true one; none of another.
+///
+/// What moves on ranges over four times as much in its last three quarters as in the three sixteenths before them, and what slows down as a root over
+/// twice as much. A record that rests does not. Its interval holds ten times what these three quarters range over.
+pub(crate) fn at_rest(series: &Series) -> Option<((f64, f64), f64)> {
+    let end = series.duration();
+    let rest = (0.25 * end, end);
+    let (before, last) = (spread(series, (0.0625 * end, rest.0)), spread(series, rest));
+    (before.is_finite() && last <= RESTS * before).then_some((rest, 10.0 * last))
 }
 
 /// The estimate of a record whose end repeats itself, or comes to; none of another.
