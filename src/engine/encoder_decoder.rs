@@ -3,54 +3,54 @@
 //! Layers that see physical fields compute in fp32 in either precision: the first of an encoder, whose inputs are
 //! the fields, and the last of the decoder, whose outputs are their changes.
 
-use super::kernels::{
-    Addend, Function, Isa, Norm, Normed, Number, Output, Packed, layer_norm, narrow, padded, product,
-};
-use super::linear::{self, Linear, Tail};
-use super::scale::Scale;
-use super::tiles::{Scratch, blocks};
+use super::activations::{Activated, Activations, Place};
+use super::kernels::{Addend, Buffer, Function, Isa, Normed, Number, Output, add_means, narrow, padded};
+use super::mlp::{Mlp, MlpRows};
+use super::perceptron::Perceptron;
+use super::tiles::{Scratch, blocks, numbers};
+use super::weights::{Dense, Linear, Vector, Weights};
 use m4gn_base::Result;
-use m4gn_model::{Model, ModelSpec};
+use m4gn_model::{Architecture, Model, ModelSpec};
 use m4gn_structure::Structure;
+use std::ops::Range;
 
 /// A perceptron on features, with a layer norm at the end (eq. 1).
 pub struct Encoder<T> {
-    isa: Isa,
     /// Of the features.
-    first: Packed<f32>,
-    tail: Tail<T>,
-    norm: Norm,
-    columns: usize,
+    pub first: Dense<f32>,
+    pub rest: Mlp<T>,
+    /// Features, padded.
+    pub stride: usize,
 }
 
 impl<T: Number> Encoder<T> {
     /// Perceptron `name` on its first `n` inputs; what the others contribute is left to the caller.
-    pub fn new(isa: Isa, model: &Model, name: &str, n: usize) -> Result<Self> {
+    pub fn new(weights: &mut Weights, name: &str, n: usize, a: &Architecture) -> Result<Self> {
         Ok(Encoder {
-            isa,
-            first: linear::columns(isa, model, &format!("{name}.0"), 0..n)?,
-            tail: Tail::new(isa, model, name)?,
-            norm: linear::norm(model, &format!("{name}.norm"))?,
-            columns: padded(model.spec.architecture.width),
+            first: Dense::part(weights, &format!("{name}.0"), 0, n)?,
+            rest: Mlp::new(weights, name, a)?,
+            stride: padded(n),
         })
     }
 
-    /// Latents of n rows of `features`, normalised and `stride` numbers apart, with `addend` at the first layer; `a`,
-    /// `b` and `c` are buffers.
+    /// The bias of the first layer.
+    pub fn bias(&self) -> Addend<'_, f32> {
+        Addend::Bias(&self.rest.first_bias.data)
+    }
+
+    /// Latents of n rows of normalised features, with `addend` at the first layer; `wide` has room for the rows.
     pub fn run(
         &self,
-        (features, stride): (&[f32], usize),
+        features: (&[f32], usize),
         n: usize,
         addend: Addend<f32>,
-        (a, b, c): (&mut [T], &mut [T], &mut [f32]),
+        mut rows: MlpRows<T>,
+        wide: &mut [f32],
         out: Normed<T>,
     ) {
-        let size = n * self.columns;
-        let wide = Output::Wide(&mut c[..size]);
-        product(self.isa, &self.first, (features, stride), n, addend, self.tail.function(), wide);
-        narrow(self.isa, &c[..size], &mut a[..size]);
-        self.tail.run(self.isa, n, a, b, c);
-        layer_norm(self.isa, &self.norm, c, n, out);
+        let (_, place) = rows.activations.of(0, self.rest.columns);
+        place.round(self.rest.isa, &self.first.forward, features, n, addend, wide);
+        self.rest.forward(n, rows, wide, out);
     }
 }
 
@@ -68,13 +68,13 @@ impl Fixed {
     ///
     /// # Errors
     /// [`m4gn_base::Error::Model`] for a node type that the model does not know, or positions that are not there.
-    pub fn new(isa: Isa, model: &Model, structure: &Structure) -> Result<Self> {
+    pub fn new(weights: &mut Weights, model: &Model, structure: &Structure) -> Result<Self> {
         let graph = &structure.graph;
         let offsets = structure.segments.as_ref().map_or(&[][..], |s| &s.offsets);
         let ModelSpec { node_types, architecture, .. } = &model.spec;
         let (k, columns) = (model.spec.n_field_inputs(), padded(architecture.width));
         let tensor = model.tensor("encoder.node.0.weight")?;
-        let bias = linear::bias(model, "encoder.node.0")?;
+        let bias = Vector::new(weights, "encoder.node.0.bias")?.data;
         let weight = |output: usize, input: usize| match output < tensor.shape[0] {
             true => tensor.data[output * tensor.shape[1] + input],
             false => 0.0,
@@ -101,108 +101,146 @@ impl Fixed {
             }));
         }
         if !walk.is_empty() {
-            rows = positioned(isa, model, walk, rows)?;
+            rows = positioned(weights, model, walk, rows)?;
         }
         Ok(Fixed { rows, row: (0..kinds.len() as u32).collect() })
     }
 }
 
 /// These rows, and what f_np (section 3.4.1) of the nodes' random walks contributes beside them.
-fn positioned(isa: Isa, model: &Model, walk: &[f32], mut rows: Vec<f32>) -> Result<Vec<f32>> {
-    let ModelSpec { architecture, .. } = &model.spec;
-    let (columns, steps) = (padded(architecture.width), architecture.micro.node_rwse_steps);
-    let features = padded(model.spec.n_node_features());
-    let first: Linear<f32> = Linear::new(isa, model, "encoder.position.0")?;
-    let tail: Tail<f32> = Tail::new(isa, model, "encoder.position")?;
-    let node: Packed<f32> = linear::whole(isa, model, "encoder.node.0")?;
-    let widest = f32::ROWS * columns.max(features);
-    let [mut a, mut b, mut c] = [0; 3].map(|_| vec![0.0; widest]);
-    let count = rows.len() / columns;
-    for range in blocks::<f32>(count) {
-        let n = range.len();
-        let x = (&walk[range.start * steps..], steps);
-        first.run(isa, x, n, tail.function(), Output::Wide(&mut a));
-        tail.run(isa, n, &mut a, &mut b, &mut c);
-        let own = &mut rows[range.start * columns..range.end * columns];
-        product(isa, &node, (&c, features), n, Addend::Rows(own), Function::Identity, Output::Wide(&mut a));
-        own.copy_from_slice(&a[..n * columns]);
+fn positioned(weights: &mut Weights, model: &Model, walk: &[f32], mut rows: Vec<f32>) -> Result<Vec<f32>> {
+    let a = &model.spec.architecture;
+    let (columns, features) = (padded(a.width), padded(model.spec.n_node_features()));
+    let position = Perceptron::new(weights, "encoder.position", a.micro.node_rwse_steps, a)?;
+    let mut encoded = vec![0.0; rows.len() / columns * features];
+    position.run(walk, &mut encoded);
+    let node: Dense<f32> = Dense::whole(weights, "encoder.node.0")?;
+    let mut out = vec![0.0; f32::ROWS * columns];
+    for range in blocks::<f32>(rows.len() / columns) {
+        let (n, own) = (range.len(), &mut rows[numbers(&range, columns)]);
+        let x = (&encoded[numbers(&range, features)], features);
+        node.run(x, n, Addend::Rows(own), Function::Identity, Output::Wide(&mut out));
+        own.copy_from_slice(&out[..n * columns]);
     }
     Ok(rows)
 }
 
-/// The decoder on [h, h_S] (section 3.4.3), with the return to physical values.
+/// The decoder on [h, h_S] (section 3.4.3), to normalised outputs.
 pub struct Decoder<T> {
-    isa: Isa,
-    /// On latents.
-    first: Packed<T>,
-    inner: Vec<Linear<T>>,
-    last: Linear<f32>,
+    pub isa: Isa,
+    /// Columns of the latents, padded.
+    pub columns: usize,
+    pub n_outputs: usize,
     function: Function,
-    /// Bias of the first layer.
-    pub bias: Vec<f32>,
+    /// On latents.
+    pub first: Dense<T>,
+    pub first_bias: Vector,
     /// Of h_S in the first layer; none without a macro stage.
-    pub segment: Option<Packed<f32>>,
-    /// Of the outputs.
-    scale: Scale,
+    pub segment: Option<Dense<f32>>,
+    pub inner: Vec<Linear<T>>,
+    pub last: Linear<f32>,
+}
+
+/// What the decoder keeps for its derivative, a row a cell.
+pub struct DecoderTape<T> {
+    pub latents: Buffer<T>,
+    pub values: Vec<Activated<T>>,
+    /// The last layer's input.
+    pub last: Activated<f32>,
+}
+
+/// What h_S contributes to the decoder's first layer, a row a segment, and the segments of the node at each place.
+#[derive(Clone, Copy)]
+pub struct Table<'a> {
+    pub rows: &'a [f32],
+    pub member_row: &'a [u32],
+    pub member: &'a [i32],
+}
+
+impl<T: Number> DecoderTape<T> {
+    pub fn new(decoder: &Decoder<T>) -> Self {
+        DecoderTape {
+            latents: Buffer::default(),
+            values: decoder.inner.iter().map(|_| Activated::new(decoder.function)).collect(),
+            last: Activated::new(decoder.function),
+        }
+    }
+
+    /// Room for this many cells.
+    pub fn fit(&mut self, cells: usize, columns: usize) {
+        self.latents.fit(cells * columns);
+        self.values.iter_mut().for_each(|v| v.fit(cells * columns));
+        self.last.fit(cells * columns);
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.latents.bytes() + self.values.iter().map(|v| v.bytes()).sum::<usize>() + self.last.bytes()
+    }
 }
 
 impl<T: Number> Decoder<T> {
     /// The decoder of a model.
-    pub fn new(isa: Isa, model: &Model) -> Result<Self> {
-        let a = &model.spec.architecture;
+    pub fn new(weights: &mut Weights, spec: &ModelSpec) -> Result<Self> {
+        let a = &spec.architecture;
         let (d, h) = (a.width, a.hidden_layers);
-        let bias = linear::bias(model, "decoder.0")?;
-        let inner = (1..h).map(|i| Linear::new(isa, model, &format!("decoder.{i}")));
+        let name = |i: usize| format!("decoder.{i}");
         Ok(Decoder {
-            isa,
-            first: linear::columns(isa, model, "decoder.0", 0..d)?,
-            inner: inner.collect::<Result<_>>()?,
-            last: Linear::new(isa, model, &format!("decoder.{h}"))?,
-            function: model.spec.architecture.activation.into(),
-            bias,
-            segment: a
-                .decodes_segments()
-                .then(|| linear::columns(isa, model, "decoder.0", d..2 * d))
-                .transpose()?,
-            scale: Scale::of_model(model, "output")?,
+            isa: weights.isa,
+            columns: padded(d),
+            n_outputs: spec.n_outputs(),
+            function: a.activation.into(),
+            first: Dense::part(weights, &name(0), 0, d)?,
+            first_bias: Vector::new(weights, "decoder.0.bias")?,
+            segment: match a.decodes_segments() {
+                true => Some(Dense::part(weights, &name(0), d, d)?),
+                false => None,
+            },
+            inner: (1..h).map(|i| Linear::new(weights, &name(i))).collect::<Result<_>>()?,
+            last: Linear::new(weights, &name(h))?,
         })
     }
 
-    /// Columns of the first layer's output, padded.
-    pub fn columns(&self) -> usize {
-        self.bias.len()
-    }
-
-    /// From n rows of latents in `scratch.c`, and what h_S and the bias add to the first layer in `scratch.sums`, to
-    /// rows of physical outputs in `scratch.raw`; returns how far apart they stand.
-    pub fn run(&self, scratch: &mut Scratch<T>, n: usize) -> usize {
-        let isa = self.isa;
+    /// From latents of all nodes to rows of outputs of `cells`, places and numbers, in `scratch.raw`; they are rows `rows` of all cells,
+    /// where a tape is kept. Returns how far apart they stand.
+    pub fn run(
+        &self,
+        nodes: &[f32],
+        table: Option<Table>,
+        cells: &[(u32, u32)],
+        scratch: &mut Scratch<T>,
+        tape: Option<(&mut DecoderTape<T>, Range<usize>)>,
+    ) -> usize {
+        let (isa, columns, n) = (self.isa, self.columns, cells.len());
         let Scratch { x, a, b, c, sums, raw, .. } = scratch;
-        let columns = self.first.columns();
-        let size = n * columns;
-        narrow(isa, &c[..size], &mut x[..size]);
-        let (mut from, mut to) = (a, b);
-        let f = self.function;
-        let place = match self.inner.is_empty() {
-            true => Output::Wide(c),
-            false => Output::Narrow(from),
+        let (latents, mut inner, last, wide) = match tape {
+            None => {
+                let last = Place { function: self.function, value: &mut c[..], slope: None };
+                (&mut x[..n * columns], Activations::Passing(self.function, [a, b]), last, &mut [][..])
+            }
+            Some((DecoderTape { latents, values, last }, rows)) => {
+                let range = numbers(&rows, columns);
+                (&mut latents[range.clone()], Activations::Kept(values, rows), last.place(range), &mut c[..])
+            }
         };
-        let rows = Addend::Rows(sums);
-        product(isa, &self.first, (x, columns), n, rows, f, place);
+        let both = latents.chunks_exact_mut(columns).zip(sums.chunks_exact_mut(columns));
+        for (&(place, _), (to, sum)) in cells.iter().zip(both) {
+            let place = place as usize;
+            narrow(isa, &nodes[place * columns..(place + 1) * columns], to);
+            sum.copy_from_slice(&self.first_bias.data);
+            if let Some(Table { rows, member_row, member }) = table {
+                add_means(isa, sum, columns, rows, &member_row[place..=place + 1], member);
+            }
+        }
+        let (mut weight, mut addend) = (&self.first.forward, Addend::Rows(sums));
         for (i, layer) in self.inner.iter().enumerate() {
-            let place = match i + 1 == self.inner.len() {
-                true => Output::Wide(c),
-                false => Output::Narrow(to),
-            };
-            layer.run(isa, (from, columns), n, f, place);
-            std::mem::swap(&mut from, &mut to);
+            let (before, place) = inner.of(i, columns);
+            let x = if i == 0 { &*latents } else { before };
+            place.fill(isa, weight, (x, columns), n, addend, wide);
+            (weight, addend) = (&layer.weight.forward, layer.bias());
         }
-        let stride = padded(self.last.weight.inputs());
-        self.last.run(isa, (c, stride), n, Function::Identity, Output::Wide(raw));
-        let width = self.last.weight.columns();
-        for row in raw.chunks_exact_mut(width).take(n) {
-            self.scale.to_physical(&mut row[..self.scale.channels()]);
-        }
-        width
+        let x = self.inner.len().checked_sub(1).map_or(&*latents, |i| inner.values(i, columns));
+        let hidden = last.fill_wide(isa, weight, (x, columns), n, addend, wide);
+        self.last.run((hidden, columns), n, Function::Identity, Output::Wide(raw));
+        self.last.weight.columns()
     }
 }

@@ -12,16 +12,19 @@
 //! bodies. The result does not depend on the number of threads.
 #![allow(unsafe_code)]
 
+mod activations;
 pub mod backward;
 mod encoder_decoder;
 mod grid;
 mod kernels;
-mod linear;
+mod layout;
+mod mlp;
 mod network;
 mod options;
 mod order;
 mod passing;
 mod peak;
+mod perceptron;
 pub mod plain;
 mod pool;
 mod processor;
@@ -32,6 +35,7 @@ mod segment_stage;
 mod tiles;
 pub mod torch;
 mod transformer;
+mod weights;
 
 pub use m4gn_model::Precision;
 pub use options::{EngineOptions, Isa, PrecisionChoice};

@@ -1,57 +1,80 @@
 //! One message-passing layer: edge network (eq. 3, 4), sum over the edges of a node, node network (eq. 2).
 
-use super::kernels::{
-    Addend, Buffer, Function, Isa, Norm, Normed, Number, Output, Packed, layer_norm, narrow, padded, product,
-    scatter_add,
-};
-use super::linear::{self, Tail};
+use super::kernels::{Addend, Buffer, Function, Isa, Normed, Number, Output, narrow, padded, scatter_add};
+use super::mlp::{Mlp, MlpTape};
 use super::profile::Phase;
-use super::tiles::{Scratch, Tile, WORLD};
+use super::tiles::{Scratch, Tile, WORLD, numbers};
+use super::weights::{Dense, Weights};
 use m4gn_base::Result;
-use m4gn_model::{Model, NodeSums};
+use m4gn_model::{Architecture, NodeSums};
 
 /// Weights of a layer.
 pub struct Layer<T> {
-    isa: Isa,
-    columns: usize,
+    pub isa: Isa,
+    pub columns: usize,
     /// Which latents of its edges a node sums.
-    node_sums: NodeSums,
-    /// Sums of edges.
-    kinds: usize,
+    pub node_sums: NodeSums,
+    /// Columns of latents and sums.
+    pub wide: usize,
     /// None where nothing reads what it would make of the edges.
-    edge: Option<EdgeNetwork<T>>,
+    pub edge: Option<EdgeNetwork<T>>,
     /// What messages are added to where edges have no latents: nothing.
-    zeros: Option<Buffer<T>>,
+    pub zeros: Option<Buffer<T>>,
     /// Of latents and sums.
-    node_first: Packed<T>,
-    node_bias: Vec<f32>,
-    node_tail: Tail<T>,
-    node_norm: Norm,
+    pub node_first: Dense<T>,
+    pub node: Mlp<T>,
 }
 
 /// Weights of an edge network, the first one cut by input.
-struct EdgeNetwork<T> {
+pub struct EdgeNetwork<T> {
     /// Of latents, or of features.
-    edge: Packed<T>,
-    sender: Packed<T>,
-    receiver: Packed<T>,
-    bias: Vec<f32>,
-    tail: Tail<T>,
-    norm: Norm,
+    pub edge: Dense<T>,
+    pub sender: Dense<T>,
+    pub receiver: Dense<T>,
+    pub rest: Mlp<T>,
 }
 
 impl<T: Number> EdgeNetwork<T> {
-    /// Perceptron `name`, which reads so many numbers of an edge.
-    fn new(isa: Isa, model: &Model, name: &str, k: usize) -> Result<Self> {
-        let (d, first) = (model.spec.architecture.width, format!("{name}.0"));
+    /// Perceptron `name`.
+    fn new(weights: &mut Weights, name: &str, architecture: &Architecture) -> Result<Self> {
+        let (d, first) = (architecture.width, format!("{name}.0"));
+        let k = weights.layout.find(&format!("{first}.weight"))?.1[1] - 2 * d;
         Ok(EdgeNetwork {
-            edge: linear::columns(isa, model, &first, 0..k)?,
-            sender: linear::columns(isa, model, &first, k..k + d)?,
-            receiver: linear::columns(isa, model, &first, k + d..k + 2 * d)?,
-            bias: linear::bias(model, &first)?,
-            tail: Tail::new(isa, model, name)?,
-            norm: linear::norm(model, &format!("{name}.norm"))?,
+            edge: Dense::part(weights, &first, 0, k)?,
+            sender: Dense::part(weights, &first, k, d)?,
+            receiver: Dense::part(weights, &first, k + d, d)?,
+            rest: Mlp::new(weights, name, architecture)?,
         })
+    }
+}
+
+/// What sweeps keep for their derivative, a row a node or an edge.
+pub struct SweepTape<T> {
+    /// Nodes' latents before it, and the sums over their edges.
+    pub nodes: Buffer<T>,
+    pub edge: Option<MlpTape<T>>,
+    pub node: MlpTape<T>,
+}
+
+impl<T: Number> SweepTape<T> {
+    pub fn new(layer: &Layer<T>) -> Self {
+        SweepTape {
+            nodes: Buffer::default(),
+            edge: layer.edge.as_ref().map(|e| MlpTape::new(&e.rest)),
+            node: MlpTape::new(&layer.node),
+        }
+    }
+
+    /// Room for this many nodes and edges.
+    pub fn fit(&mut self, nodes: usize, edges: usize, layer: &Layer<T>) {
+        let columns = layer.columns;
+        self.nodes.fit(nodes * layer.wide);
+        self.edge.iter_mut().for_each(|e| e.fit(edges, columns));
+        self.node.fit(nodes, columns);
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.nodes.bytes() + self.edge.as_ref().map_or(0, |e| e.bytes()) + self.node.bytes()
     }
 }
 
@@ -68,26 +91,33 @@ pub struct Topology<'a, T> {
     pub projected: &'a [T],
 }
 
+/// Latents of a tile's edges, or their features.
+pub struct Edges<'a, T> {
+    /// Where they do not stand in `now`.
+    pub before: Option<&'a [T]>,
+    /// Those behind the layer, if they are kept.
+    pub now: &'a mut [T],
+    pub keep: bool,
+}
+
 impl<T: Number> Layer<T> {
     /// Layer `l` of the processor.
-    pub fn new(isa: Isa, model: &Model, l: usize) -> Result<Self> {
-        let architecture = &model.spec.architecture;
+    pub fn new(weights: &mut Weights, architecture: &Architecture, l: usize) -> Result<Self> {
         let d = architecture.width;
-        let k = if architecture.edge_latents() { d } else { model.spec.n_edge_features() };
         let (edge, node) = (format!("processor.{l}.edge"), format!("processor.{l}.node"));
-        let node_first = format!("{node}.0");
-        let edge = (l < architecture.edge_networks()).then(|| EdgeNetwork::new(isa, model, &edge, k));
+        let kinds = architecture.edge_kinds();
         Ok(Layer {
-            isa,
+            isa: weights.isa,
             columns: padded(d),
             node_sums: architecture.micro.node_sums,
-            edge: edge.transpose()?,
+            edge: match l < architecture.edge_networks() {
+                true => Some(EdgeNetwork::new(weights, &edge, architecture)?),
+                false => None,
+            },
             zeros: (!architecture.edge_latents()).then(|| Buffer::new(T::ROWS * padded(d))),
-            node_first: linear::of_latents(isa, model, &node_first, d, 1 + architecture.edge_kinds())?,
-            kinds: architecture.edge_kinds(),
-            node_bias: linear::bias(model, &node_first)?,
-            node_tail: Tail::new(isa, model, &node)?,
-            node_norm: linear::norm(model, &format!("{node}.norm"))?,
+            node_first: Dense::of_latents(weights, &format!("{node}.0"), d, 1 + kinds)?,
+            wide: (1 + kinds) * padded(d),
+            node: Mlp::new(weights, &node, architecture)?,
         })
     }
 
@@ -100,57 +130,49 @@ impl<T: Number> Layer<T> {
     pub fn project(&self, scratch: &mut Scratch<T>, h: &[f32], out: &mut [T]) {
         let Some(edge) = &self.edge else { return };
         scratch.clock.start();
-        let (isa, columns) = (self.isa, self.columns);
-        let n = h.len() / columns;
-        narrow(isa, h, &mut scratch.a[..h.len()]);
-        product(
-            isa,
-            &edge.sender,
-            (&scratch.a, columns),
-            n,
-            Addend::Nothing,
-            Function::Identity,
-            Output::Narrow(out),
-        );
+        narrow(self.isa, h, &mut scratch.a[..h.len()]);
+        let (x, n) = ((&scratch.a[..], self.columns), h.len() / self.columns);
+        edge.sender.run(x, n, Addend::Nothing, Function::Identity, Output::Narrow(out));
         scratch.clock.stop(Phase::Project);
     }
 
-    /// Updates the edges and nodes of a tile in place: `edges` and `h` are its rows. `before` gives the edges'
-    /// latents of before where they do not stand in `edges`, which are written only if `keep`: not where edges have features alone.
+    /// Updates the nodes and edges of a tile: `h` and `edges` are its rows.
     ///
     /// The receivers of a tile are its own nodes, and senders come in as Ws h of before, so that no tile sees
     /// another's new values.
-    #[allow(clippy::too_many_arguments)]
     pub fn sweep(
         &self,
         graph: &Topology<T>,
         tile: &Tile,
         scratch: &mut Scratch<T>,
         h: &mut [f32],
-        edges: &mut [T],
-        before: Option<&[T]>,
-        keep: bool,
+        edges: Edges<T>,
+        tape: Option<&mut SweepTape<T>>,
     ) {
         scratch.clock.start();
-        let (isa, columns, n) = (self.isa, self.columns, tile.nodes.len());
+        let (isa, columns, wide, n) = (self.isa, self.columns, self.wide, tile.nodes.len());
         let Scratch { x, a, b, c, receivers, sums, clock, .. } = scratch;
-        let (kinds, wide) = (self.kinds, (1 + self.kinds) * columns);
+        let (x, mut edge_tape, node_tape) = match tape {
+            None => (&mut x[..n * wide], None, None),
+            Some(t) => (&mut t.nodes[numbers(&tile.nodes, wide)], t.edge.as_mut(), Some(&mut t.node)),
+        };
+        let Edges { before: all_before, now, keep } = edges;
         // Latents left, sums right.
         for (x, h) in x.chunks_exact_mut(wide).zip(h.chunks_exact(columns)) {
             narrow(isa, h, &mut x[..columns]);
         }
         if let Some(edge) = &self.edge {
-            let (bias, out) = (Addend::Bias(&edge.bias), Output::Wide(receivers));
-            product(isa, &edge.receiver, (x, wide), n, bias, Function::Identity, out);
+            let (bias, out) = (Addend::Bias(&edge.rest.first_bias.data), Output::Wide(&mut receivers[..]));
+            edge.receiver.run((x, wide), n, bias, Function::Identity, out);
         }
-        for kind in 0..kinds {
+        for kind in 0..wide / columns - 1 {
             sums[kind * WORLD * columns..][..n * columns].fill(0.0);
         }
         for chunk in tile.chunks::<T>() {
             let m = chunk.len();
             let own = (chunk.start - tile.edges.start) * columns..(chunk.end - tile.edges.start) * columns;
-            let before = before.map(|b| &b[own.clone()]);
-            let edges = &mut edges[own];
+            let before = all_before.map(|b| &b[own.clone()]);
+            let edges = &mut now[own];
             let (owner, into) = (&graph.receivers[chunk.clone()], &graph.sums[chunk.clone()]);
             let first = tile.nodes.start;
             if self.node_sums == NodeSums::Before {
@@ -164,31 +186,28 @@ impl<T: Number> Layer<T> {
                 owner,
                 first,
             };
-            let from = (before.unwrap_or(edges), columns);
-            let (f, out) = (edge.tail.function(), Output::Narrow(a));
-            product(isa, &edge.edge, from, m, ends, f, out);
-            edge.tail.run(isa, m, a, b, c);
+            let mut rows = edge.rest.rows(edge_tape.as_deref_mut(), &chunk, [a, b]);
+            let (_, place) = rows.activations.of(0, columns);
+            place.fill(isa, &edge.edge.forward, (before.unwrap_or(edges), columns), m, ends, c);
             let before = self.zeros.as_deref().or(before);
             let out = match self.node_sums {
                 NodeSums::After => Normed::Edges { before, edges, keep, sums, owner: into, first },
                 NodeSums::Before => Normed::Latents { before, edges },
             };
-            layer_norm(isa, &edge.norm, c, m, out);
+            edge.rest.forward(m, rows, c, out);
         }
         clock.stop(Phase::Edges);
 
-        for (i, x) in x.chunks_exact_mut(wide).enumerate().take(n) {
-            for kind in 0..kinds {
-                let sum = &sums[(kind * WORLD + i) * columns..][..columns];
-                narrow(isa, sum, &mut x[(1 + kind) * columns..][..columns]);
+        for (i, x) in x.chunks_exact_mut(wide).enumerate() {
+            for (kind, x) in x.chunks_exact_mut(columns).skip(1).enumerate() {
+                narrow(isa, &sums[(kind * WORLD + i) * columns..][..columns], x);
             }
         }
-        let bias = Addend::Bias(&self.node_bias);
-        let from = (&x[..], wide);
-        let (f, out) = (self.node_tail.function(), Output::Narrow(a));
-        product(isa, &self.node_first, from, n, bias, f, out);
-        self.node_tail.run(isa, n, a, b, c);
-        layer_norm::<T>(isa, &self.node_norm, c, n, Normed::Residual(h));
+        let bias = Addend::Bias(&self.node.first_bias.data);
+        let mut rows = self.node.rows(node_tape, &tile.nodes, [a, b]);
+        let (_, place) = rows.activations.of(0, columns);
+        place.fill(isa, &self.node_first.forward, (x, wide), n, bias, c);
+        self.node.forward(n, rows, c, Normed::Residual(h));
         clock.stop(Phase::Nodes);
     }
 }

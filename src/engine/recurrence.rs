@@ -5,8 +5,10 @@
 //!
 //! Segments are read side by side, so many as products suit, the longest first, so that those that go on are the first rows.
 
-use super::kernels::{Addend, Buffer, Function, Isa, Output, Packed, product};
+use super::kernels::{Buffer, Function, Output, padded};
 use super::tiles::blocks;
+use super::weights::{Linear, Weights};
+use m4gn_base::Result;
 use m4gn_structure::Sequence;
 use std::ops::Range;
 
@@ -48,7 +50,7 @@ pub struct Kept {
     pub x: Buffer<f32>,
     /// States before a step.
     pub before: Buffer<f32>,
-    /// Reset and update gates and new values, side by side, in rows of [`Unit::stride`].
+    /// Reset and update gates and new values, side by side, in rows of [`Recurrence::stride`].
     pub gates: Buffer<f32>,
     /// `U h + c` of the three.
     pub hidden: Buffer<f32>,
@@ -58,41 +60,41 @@ pub struct Kept {
 
 impl Kept {
     fn fit(&mut self, rows: usize, segments: usize, columns: usize, stride: usize) {
-        for (buffer, size) in [
-            (&mut self.x, rows * columns),
-            (&mut self.before, rows * columns),
-            (&mut self.gates, rows * stride),
-            (&mut self.hidden, rows * stride),
-            (&mut self.state, segments * columns),
-        ] {
-            if buffer.len() < size {
-                *buffer = Buffer::new(size);
-            }
-        }
+        self.x.fit(rows * columns);
+        self.before.fit(rows * columns);
+        self.gates.fit(rows * stride);
+        self.hidden.fit(rows * stride);
+        self.state.fit(segments * columns);
     }
 }
 
-/// The weights, of width d, in rows of `columns`.
-#[derive(Clone, Copy)]
-pub struct Unit<'a> {
-    pub isa: Isa,
+/// Its weights.
+pub struct Recurrence {
+    /// The width.
     pub d: usize,
+    /// The width, padded.
     pub columns: usize,
     /// `W` and `b`.
-    pub input: (&'a Packed<f32>, &'a [f32]),
+    pub input: Linear<f32>,
     /// `U` and `c`.
-    pub hidden: (&'a Packed<f32>, &'a [f32]),
+    pub hidden: Linear<f32>,
 }
 
-impl Unit<'_> {
+impl Recurrence {
+    /// Of a model of width d.
+    pub fn new(weights: &mut Weights, d: usize) -> Result<Self> {
+        let mut linear = |of: &str| Linear::new(weights, &format!("segment.recurrence.{of}"));
+        Ok(Recurrence { d, columns: padded(d), input: linear("input")?, hidden: linear("hidden")? })
+    }
+
     /// Columns of the three gates.
     pub fn stride(&self) -> usize {
-        self.input.0.columns()
+        self.input.weight.columns()
     }
 
     /// Reads nodes whose latents are rows of `nodes`, up to the last states in `kept`.
     pub fn read(&self, segments: &Together, kept: &mut Kept, nodes: &[f32]) {
-        let (isa, d, columns, stride) = (self.isa, self.d, self.columns, self.stride());
+        let (d, columns, stride) = (self.d, self.columns, self.stride());
         kept.fit(segments.node.len(), segments.segments.len(), columns, stride);
         for (x, &node) in kept.x.chunks_exact_mut(columns).zip(&segments.node) {
             x.copy_from_slice(&nodes[node as usize * columns..(node as usize + 1) * columns]);
@@ -103,13 +105,9 @@ impl Unit<'_> {
             let state = &mut kept.state[..n * columns];
             kept.before[rows.start * columns..rows.end * columns].copy_from_slice(state);
             let (gates, hidden) = (&mut kept.gates[wide.clone()], &mut kept.hidden[wide]);
-            for ((weight, bias), x, out) in [
-                (self.input, &kept.x[rows.start * columns..], &mut *gates),
-                (self.hidden, &*state, &mut *hidden),
-            ] {
-                let out = Output::Wide(out);
-                product(isa, weight, (x, columns), n, Addend::Bias(bias), Function::Identity, out);
-            }
+            let x = (&kept.x[rows.start * columns..], columns);
+            self.input.run(x, n, Function::Identity, Output::Wide(&mut *gates));
+            self.hidden.run((&*state, columns), n, Function::Identity, Output::Wide(&mut *hidden));
             let rows = gates.chunks_exact_mut(stride).zip(hidden.chunks_exact(stride));
             for (h, (gates, hidden)) in state.chunks_exact_mut(columns).zip(rows) {
                 for (i, h) in h.iter_mut().enumerate().take(d) {

@@ -4,12 +4,13 @@
 //! precision.
 
 use super::encoder_decoder::Encoder;
-use super::kernels::{Addend, Buffer, Function, Isa, Normed, Output, Packed, padded, product};
-use super::linear::{self, Linear, Tail};
+use super::kernels::{Addend, Buffer, Function, Normed, Output, padded};
+use super::perceptron::Perceptron;
 use super::pool::{Parts, Pool};
-use super::recurrence::{Kept, Together, Unit, together};
+use super::recurrence::{Kept, Recurrence, Together, together};
 use super::tiles::{block, blocks};
 use super::transformer::{self, TransformerLayer};
+use super::weights::{Dense, Vector, Weights};
 use m4gn_base::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_parallel::{Comm, Halo};
@@ -17,7 +18,6 @@ use m4gn_structure::{Segmentation, Structure};
 
 /// Weights, members and buffers of the macro stage.
 pub struct SegmentStage {
-    isa: Isa,
     count: usize,
     columns: usize,
     /// Segments of the node at each place, as in [`Segmentation`].
@@ -29,10 +29,9 @@ pub struct SegmentStage {
     place: Vec<u32>,
     inverse_sizes: Vec<f64>,
     /// In place of the mean over a segment's nodes.
-    recurrence: Option<Recurrence>,
+    recurrence: Option<Reader>,
 
     encoder: Encoder<f32>,
-    encoder_bias: Vec<f32>,
     /// f_sp of the positional encoding, the same in every step.
     position: Option<Vec<f32>>,
     layers: Vec<TransformerLayer>,
@@ -42,22 +41,22 @@ pub struct SegmentStage {
     means: Buffer<f32>,
     /// h_S
     latents: Buffer<f32>,
+    /// Queries, keys, values.
+    projections: [Buffer<f32>; 3],
     heads: transformer::Heads,
     scratch: Vec<transformer::Scratch>,
 }
 
 /// A recurrent unit, and the nodes that this rank reads with it.
-struct Recurrence {
-    d: usize,
-    input: Linear<f32>,
-    hidden: Linear<f32>,
+struct Reader {
+    unit: Recurrence,
     parts: Vec<(Together, Kept)>,
     halo: Halo,
     /// Latents of the owned nodes, and of those that the halo brings.
     nodes: Buffer<f32>,
 }
 
-impl Recurrence {
+impl Reader {
     /// The last states in place of the sums of means; rows of segments that other ranks read are zero.
     fn run(
         &mut self,
@@ -69,15 +68,7 @@ impl Recurrence {
     ) {
         self.nodes[..nodes.len()].copy_from_slice(nodes);
         self.halo.exchange_f32(comm, &mut self.nodes, columns);
-        let Recurrence { input, hidden, .. } = self;
-        let unit = Unit {
-            isa: pool.isa(),
-            d: self.d,
-            columns,
-            input: (&input.weight, &input.bias),
-            hidden: (&hidden.weight, &hidden.bias),
-        };
-        let (nodes, n) = (&self.nodes, self.parts.len());
+        let (unit, nodes, n) = (&self.unit, &self.nodes, self.parts.len());
         let parts = Parts::new(&mut self.parts);
         let read = |_: &mut transformer::Scratch, i: usize| {
             // SAFETY: task i has part i.
@@ -97,15 +88,15 @@ impl Recurrence {
 
 /// h += dispatch([h, h_S]), where the model carries on after the macro stage.
 struct Dispatch {
-    segment: Packed<f32>,
-    bias: Vec<f32>,
+    segment: Dense<f32>,
+    bias: Vector,
     table: Buffer<f32>,
 }
 
 impl SegmentStage {
     /// The macro stage of a model for the segments of a structure; `node` is the graph's node at each place of the engine's order.
     pub fn new(
-        isa: Isa,
+        weights: &mut Weights,
         model: &Model,
         structure: &Structure,
         segments: &Segmentation,
@@ -117,15 +108,17 @@ impl SegmentStage {
         };
         let spec = &m4gn.segment_transformer;
         check(segments, node.len(), &model.spec)?;
-        let (k, d) = (segments.count, model.spec.architecture.width);
+        let a = &model.spec.architecture;
+        let (isa, k, d) = (weights.isa, segments.count, a.width);
         let columns = padded(d);
+        let layers = 0..spec.layers;
         let layers: Vec<_> =
-            (0..spec.layers).map(|l| TransformerLayer::new(isa, model, l)).collect::<Result<_>>()?;
+            layers.map(|l| TransformerLayer::new(weights, a, spec, l)).collect::<Result<_>>()?;
         let dispatch = match m4gn.layers_after {
             0 => None,
             _ => Some(Dispatch {
-                segment: linear::columns(isa, model, "segment.dispatch", d..2 * d)?,
-                bias: linear::bias(model, "segment.dispatch")?,
+                segment: Dense::part(weights, "segment.dispatch", d, d)?,
+                bias: Vector::new(weights, "segment.dispatch.bias")?,
                 table: Buffer::new(k * columns),
             }),
         };
@@ -137,10 +130,8 @@ impl SegmentStage {
                 let mut places = vec![0; node.len()];
                 (0..).zip(node).for_each(|(p, &i)| places[i as usize] = p);
                 let parts = together(sequence, &places).into_iter().map(|t| (t, Kept::default()));
-                Some(Recurrence {
-                    d,
-                    input: Linear::new(isa, model, "segment.recurrence.input")?,
-                    hidden: Linear::new(isa, model, "segment.recurrence.hidden")?,
+                Some(Reader {
+                    unit: Recurrence::new(weights, d)?,
                     parts: parts.collect(),
                     halo: sequence.halo.renumbered(&places),
                     nodes: Buffer::new((node.len() + sequence.halo.n_ghosts()) * columns),
@@ -150,7 +141,6 @@ impl SegmentStage {
         // A last state is no sum.
         let share = |s: &f64| if recurrence.is_some() { 1.0 } else { 1.0 / s.max(1.0) };
         Ok(SegmentStage {
-            isa,
             count: k,
             columns,
             member_row,
@@ -159,16 +149,22 @@ impl SegmentStage {
             place,
             inverse_sizes: segments.sizes.iter().map(share).collect(),
             recurrence,
-            encoder: Encoder::new(isa, model, "segment.encoder", d)?,
-            encoder_bias: linear::bias(model, "segment.encoder.0")?,
-            position: (model.spec.n_position_features() > 0)
-                .then(|| encode_position(isa, model, segments))
-                .transpose()?,
+            encoder: Encoder::new(weights, "segment.encoder", d, a)?,
+            position: match model.spec.n_position_features() {
+                0 => None,
+                n => {
+                    let mut encoded = vec![0.0; k * columns];
+                    let position = Perceptron::new(weights, "segment.position", n, a)?;
+                    position.run(&segments.position, &mut encoded);
+                    Some(encoded)
+                }
+            },
             layers,
             dispatch,
             sums: Buffer::new(k * columns),
             means: Buffer::new(k * columns),
             latents: Buffer::new(k * columns),
+            projections: [0; 3].map(|_| Buffer::new(k * columns)),
             heads: transformer::Heads::new(isa, k, d, spec.heads),
             scratch: (0..n_threads).map(|_| transformer::Scratch::new(k, d, spec)).collect(),
         })
@@ -203,7 +199,7 @@ impl SegmentStage {
 
     /// From node latents, in the engine's order, to h_S. Collective.
     pub fn run(&mut self, comm: &Comm, pool: &Pool, nodes: &[f32]) {
-        let (isa, k, columns) = (self.isa, self.count, self.columns);
+        let (k, columns) = (self.count, self.columns);
         let (row, place) = (&self.place_row, &self.place);
         let sums = Parts::new(&mut self.sums);
         let add = |_: &mut transformer::Scratch, s: usize| {
@@ -226,7 +222,7 @@ impl SegmentStage {
         }
 
         let (means, position) = (&self.means, self.position.as_deref());
-        let (encoder, bias) = (&self.encoder, &self.encoder_bias);
+        let encoder = &self.encoder;
         let latents = Parts::new(&mut self.latents);
         let encode = |scratch: &mut transformer::Scratch, i: usize| {
             let rows = block::<f32>(i, k);
@@ -234,7 +230,8 @@ impl SegmentStage {
             let out = unsafe { latents.rows(&rows, columns) };
             let transformer::Scratch { a, b, c, .. } = scratch;
             let from = (&means[rows.start * columns..], columns);
-            encoder.run(from, rows.len(), Addend::Bias(bias), (a, b, c), Normed::Wide(&mut *out));
+            let buffers = encoder.rest.rows(None, &rows, [a, b]);
+            encoder.run(from, rows.len(), encoder.bias(), buffers, c, Normed::Wide(&mut *out));
             if let Some(position) = position {
                 let own = &position[rows.start * columns..rows.end * columns];
                 out.iter_mut().zip(own).for_each(|(x, p)| *x += p);
@@ -242,12 +239,13 @@ impl SegmentStage {
         };
         pool.run(&mut self.scratch, blocks::<f32>(k).len(), encode, || ());
         for layer in &self.layers {
-            layer.run(pool, &mut self.scratch, &mut self.heads, &mut self.latents);
+            let (projections, heads) = (&mut self.projections, &mut self.heads);
+            layer.run(pool, &mut self.scratch, projections, heads, &mut self.latents);
         }
         if let Some(dispatch) = &mut self.dispatch {
             let (x, table) = ((&self.latents[..], columns), Output::Wide(&mut dispatch.table));
-            let bias = Addend::Bias(&dispatch.bias);
-            product(isa, &dispatch.segment, x, k, bias, Function::Identity, table);
+            let bias = Addend::Bias(&dispatch.bias.data);
+            dispatch.segment.run(x, k, bias, Function::Identity, table);
         }
     }
 
@@ -285,18 +283,6 @@ pub(super) fn inverted(k: usize, member_row: &[u32], member: &[i32]) -> (Vec<u32
         }
     }
     (row, place)
-}
-
-/// f_sp(p) of every segment (section 3.4.1), rows of the padded width.
-fn encode_position(isa: Isa, model: &Model, segments: &Segmentation) -> Result<Vec<f32>> {
-    let (k, n) = (segments.count, model.spec.n_position_features());
-    let size = k * padded(model.spec.architecture.width);
-    let first: Linear<f32> = Linear::new(isa, model, "segment.position.0")?;
-    let tail = Tail::new(isa, model, "segment.position")?;
-    let (mut a, mut b, mut c) = (vec![0.0; size], vec![0.0; size], vec![0.0; size]);
-    first.run(isa, (&segments.position, n), k, tail.function(), Output::Wide(&mut a));
-    tail.run(isa, k, &mut a, &mut b, &mut c);
-    Ok(c)
 }
 
 pub(super) fn check(segments: &Segmentation, n_owned: usize, spec: &ModelSpec) -> Result<()> {

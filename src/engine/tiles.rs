@@ -45,6 +45,11 @@ pub fn block<T: Number>(i: usize, n: usize) -> Range<usize> {
     i * T::ROWS..((i + 1) * T::ROWS).min(n)
 }
 
+/// Where rows of so many columns stand.
+pub fn numbers(rows: &Range<usize>, columns: usize) -> Range<usize> {
+    rows.start * columns..rows.end * columns
+}
+
 /// From the row of a tile's node to that of the sum over its world edges, where that is another.
 pub const WORLD: usize = Bf16::ROWS;
 

@@ -1,53 +1,10 @@
-//! The segment transformer (eq. 11 to 13) on all segments of a graph, in fp32, forward with what is kept, and backward.
+//! The segment transformer (eq. 11 to 13) on all segments of a graph, in fp32: its derivative.
 
-use super::mlp::{Activated, Work, fit, numbers};
-use super::weights::{Dense, Gradients, Linear, NormWeights, Slots, Vector};
-use crate::kernels::{
-    Addend, Buffer, Function, Isa, Normed, Output, activation_backward, layer_norm_keep, multiply_add,
-    norm_backward, padded, product, softmax, softmax_backward,
-};
-use crate::tiles::blocks;
-use m4gn_base::Result;
-use m4gn_model::{Architecture, MacroSpec};
-
-/// One layer: attention and a point-wise network, each behind a layer norm and beside a residual.
-pub struct Attention {
-    isa: Isa,
-    columns: usize,
-    heads: usize,
-    /// Numbers of a head.
-    width: usize,
-    norm1: NormWeights,
-    /// Queries, keys, values.
-    projections: [Dense<f32>; 3],
-    output: Linear<f32>,
-    norm2: NormWeights,
-    first: Linear<f32>,
-    second: Linear<f32>,
-    function: Function,
-    /// For the sums of norms, which end in a bias where a perceptron stands before them: nobody reads it.
-    no_bias: Vector,
-}
-
-/// A layer norm's output and what its derivative needs.
-#[derive(Default)]
-struct Normal {
-    out: Buffer<f32>,
-    normed: Buffer<f32>,
-    scale: Buffer<f32>,
-}
-
-/// What a layer keeps.
-pub struct AttentionTape {
-    norm1: Normal,
-    /// Queries, keys, values.
-    projections: [Buffer<f32>; 3],
-    /// Attention of each head `[k x padded k]`.
-    attention: Vec<Buffer<f32>>,
-    mixed: Buffer<f32>,
-    norm2: Normal,
-    hidden: Activated<f32>,
-}
+use super::mlp::Work;
+use crate::kernels::{Buffer, activation_backward, multiply_add, norm_backward, padded, softmax_backward};
+use crate::tiles::{blocks, numbers};
+use crate::transformer::{Normal, TransformerLayer, TransformerTape};
+use crate::weights::{Gradients, NormWeights};
 
 /// Buffers for derivatives of all segments.
 #[derive(Default)]
@@ -58,117 +15,11 @@ pub struct AttentionWork {
     transposed: Buffer<f32>,
 }
 
-impl Normal {
-    fn fit(&mut self, k: usize, columns: usize) {
-        fit(&mut self.out, k * columns);
-        fit(&mut self.normed, k * columns);
-        fit(&mut self.scale, k);
-    }
-}
-
-impl Attention {
-    /// Layer `l` of the segment transformer.
-    pub fn new(isa: Isa, slots: &mut Slots, a: &Architecture, spec: &MacroSpec, l: usize) -> Result<Self> {
-        let name = |part: &str| format!("segment.transformer.{l}.{part}");
-        let mut dense = |part: &str| Dense::whole(isa, slots, &name(part));
-        let projections = [dense("q")?, dense("k")?, dense("v")?];
-        let mut linear = |part: &str| Linear::new(isa, slots, &name(part));
-        let (output, first, second) = (linear("o")?, linear("ffn.0")?, linear("ffn.1")?);
-        Ok(Attention {
-            isa,
-            columns: padded(a.width),
-            heads: spec.heads,
-            width: a.width / spec.heads,
-            norm1: NormWeights::new(slots, &name("norm1"))?,
-            projections,
-            output,
-            norm2: NormWeights::new(slots, &name("norm2"))?,
-            first,
-            second,
-            function: a.activation.into(),
-            no_bias: Vector::unread(slots, a.width),
-        })
-    }
-
-    /// Nothing kept yet.
-    pub fn tape(&self) -> AttentionTape {
-        AttentionTape {
-            norm1: Normal::default(),
-            projections: Default::default(),
-            attention: (0..self.heads).map(|_| Buffer::default()).collect(),
-            mixed: Buffer::default(),
-            norm2: Normal::default(),
-            hidden: Activated::new(self.function),
-        }
-    }
-
-    /// Advances k rows in place.
-    pub fn forward(
-        &self,
-        tape: &mut AttentionTape,
-        w: &mut AttentionWork,
-        work: &mut Work<f32>,
-        x: &mut [f32],
-    ) {
-        let (isa, columns) = (self.isa, self.columns);
-        let k = x.len() / columns;
-        let wide = self.first.weight.forward.columns();
-        let stride = padded(k);
-        tape.norm1.fit(k, columns);
-        tape.norm2.fit(k, columns);
-        tape.projections.iter_mut().for_each(|p| fit(p, k * columns));
-        tape.attention.iter_mut().for_each(|p| fit(p, k * stride));
-        fit(&mut tape.mixed, k * columns);
-        tape.hidden.fit(k * wide);
-        fit(&mut w.transposed, columns * stride);
-        self.normalise(&self.norm1, &mut tape.norm1, x);
-        for (projection, out) in self.projections.iter().zip(&mut tape.projections) {
-            let from = (&tape.norm1.out[..], columns);
-            let out = Output::Wide(&mut out[..]);
-            product(isa, &projection.forward, from, k, Addend::Nothing, Function::Identity, out);
-        }
-        let [q, key, value] = &tape.projections;
-        tape.mixed[..k * columns].fill(0.0);
-        for (h, attention) in tape.attention.iter_mut().enumerate() {
-            let (at, d) = (h * self.width, self.width);
-            let p = &mut attention[..k * stride];
-            p.fill(0.0);
-            transpose(key, (k, at, d), (columns, stride), &mut w.transposed);
-            multiply_add(isa, (k, d, k), 1.0, (&q[at..], columns), (&w.transposed, stride), (p, stride));
-            softmax(isa, p, stride, k, self.scale());
-            let out = (&mut tape.mixed[at..], columns);
-            multiply_add(isa, (k, k, d), 1.0, (p, stride), (&value[at..], columns), out);
-        }
-        let (output, second) = (&self.output, &self.second);
-        let bias = Addend::Output(&output.bias.data);
-        let from = (&tape.mixed[..], columns);
-        product(isa, &output.weight.forward, from, k, bias, Function::Identity, Output::Wide(x));
-        self.normalise(&self.norm2, &mut tape.norm2, x);
-        for rows in blocks::<f32>(k) {
-            let from = (&tape.norm2.out[rows.start * columns..], columns);
-            let weight = &self.first.weight.forward;
-            tape.hidden.fill(isa, weight, from, &rows, self.first.bias(), &mut work.wide);
-        }
-        let bias = Addend::Output(&second.bias.data);
-        let from = (&tape.hidden.value[..], wide);
-        product(isa, &second.weight.forward, from, k, bias, Function::Identity, Output::Wide(x));
-    }
-
-    fn scale(&self) -> f32 {
-        1.0 / (self.width as f32).sqrt()
-    }
-
-    fn normalise(&self, norm: &NormWeights, tape: &mut Normal, x: &[f32]) {
-        let n = x.len() / self.columns;
-        let out = Normed::<f32>::Wide(&mut tape.out[..]);
-        let keep = (&mut tape.normed[..], &mut tape.scale[..]);
-        layer_norm_keep(self.isa, &norm.norm, x, n, out, keep);
-    }
-
+impl TransformerLayer {
     /// From derivatives by the rows behind the layer to those before it, in place.
     pub fn backward(
         &self,
-        tape: &AttentionTape,
+        tape: &TransformerTape,
         w: &mut AttentionWork,
         work: &mut Work<f32>,
         d: &mut [f32],
@@ -200,10 +51,10 @@ impl Attention {
             self.through_norm((&self.norm2, &tape.norm2), rows.start, n, work, gradients);
             add(&mut d[range], &work.wide);
         }
-        fit(&mut w.d_mixed, k * columns);
-        fit(&mut w.scores, k * padded(k));
-        fit(&mut w.transposed, columns.max(k) * padded(k).max(columns));
-        w.d_projections.iter_mut().for_each(|p| fit(p, k * columns));
+        w.d_mixed.fit(k * columns);
+        w.scores.fit(k * padded(k));
+        w.transposed.fit(columns.max(k) * padded(k).max(columns));
+        w.d_projections.iter_mut().for_each(|p| p.fit(k * columns));
         for rows in blocks::<f32>(k) {
             let (n, range) = (rows.len(), numbers(&rows, columns));
             add_rows(&d[range.clone()], columns, gradients.block(self.output.bias.slot));
@@ -246,7 +97,7 @@ impl Attention {
     }
 
     /// From derivatives by what the heads mixed to those by queries, keys and values.
-    fn through_attention(&self, tape: &AttentionTape, w: &mut AttentionWork, k: usize) {
+    fn through_attention(&self, tape: &TransformerTape, w: &mut AttentionWork, k: usize) {
         let (isa, columns, stride) = (self.isa, self.columns, padded(k));
         let [q, key, value] = &tape.projections;
         let [dq, dk, dv] = &mut w.d_projections;

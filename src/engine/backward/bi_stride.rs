@@ -3,14 +3,14 @@
 use super::Scales;
 use super::attention::add;
 use super::graph::TrainGraph;
-use super::layer::{Layer, LayerTape, Links};
-use super::mlp::fit;
+use super::layer::{LayerTape, Links};
 use super::network::Buffers;
 use super::processor::Processor;
-use super::weights::{Gradients, Slots};
-use crate::kernels::{Buffer, Isa, Number, padded};
+use crate::kernels::{Buffer, Number, padded};
 use crate::order::Order;
+use crate::passing::Layer;
 use crate::tiles::{self, Tile};
+use crate::weights::{Gradients, Weights};
 use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 
@@ -43,7 +43,7 @@ impl TrainGraph {
 
 /// `out = 0`, as long as the rows of a graph.
 fn cleared(out: &mut Buffer<f32>, size: usize) -> &mut [f32] {
-    fit(out, size);
+    out.fit(size);
     out[..size].fill(0.0);
     &mut out[..size]
 }
@@ -51,12 +51,12 @@ fn cleared(out: &mut Buffer<f32>, size: usize) -> &mut [f32] {
 impl<T: Number> Processor<T> for BiStride<T> {
     type Tape = BiStrideTape<T>;
 
-    fn new(isa: Isa, slots: &mut Slots, spec: &ModelSpec) -> Result<Self> {
+    fn new(weights: &mut Weights, spec: &ModelSpec) -> Result<Self> {
         let a = &spec.architecture;
         Ok(BiStride {
             columns: padded(a.width),
             n_edge_features: spec.n_edge_features(),
-            layers: (0..a.layers()).map(|l| Layer::new(isa, slots, a, l)).collect::<Result<_>>()?,
+            layers: (0..a.layers()).map(|l| Layer::new(weights, a, l)).collect::<Result<_>>()?,
         })
     }
 

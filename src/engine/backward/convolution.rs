@@ -2,14 +2,15 @@
 
 use super::Scales;
 use super::graph::TrainGraph;
-use super::mlp::{Activated, fit, numbers};
 use super::network::Buffers;
 use super::processor::Processor;
-use super::weights::{Gradients, Linear, Slots};
+use crate::activations::Activated;
 use crate::kernels::{
     Buffer, Function, Isa, Number, activation_backward, gather_add, narrow, padded, scatter_add,
 };
 use crate::processor::scales as scales_of;
+use crate::tiles::numbers;
+use crate::weights::{Gradients, Linear, Weights};
 use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 
@@ -47,9 +48,10 @@ fn scale_rows(rows: &mut [f32], columns: usize, scale: &[f32]) {
 impl<T: Number> Processor<T> for Convolutions<T> {
     type Tape = ConvolutionsTape<T>;
 
-    fn new(isa: Isa, slots: &mut Slots, spec: &ModelSpec) -> Result<Self> {
+    fn new(weights: &mut Weights, spec: &ModelSpec) -> Result<Self> {
         let a = &spec.architecture;
-        let layer = |l: usize| Linear::new(isa, slots, &format!("processor.{l}.convolution"));
+        let isa = weights.isa;
+        let layer = |l: usize| Linear::new(weights, &format!("processor.{l}.convolution"));
         Ok(Convolutions {
             isa,
             columns: padded(a.width),
@@ -78,10 +80,10 @@ impl<T: Number> Processor<T> for Convolutions<T> {
         let ConvolutionsTape { layers, scale, scaled } = tape;
         let tiles = graph.tiles::<T>();
         *scale = scales_of(&order.row);
-        fit(scaled, size);
+        scaled.fit(size);
         let work_rows = &mut work.shared.work;
         for (layer, kept) in self.layers.iter().zip(layers) {
-            fit(&mut kept.sums, size);
+            kept.sums.fit(size);
             kept.value.fit(size);
             scaled[..size].copy_from_slice(&work.latents[..size]);
             scale_rows(&mut scaled[..size], columns, scale);
@@ -98,7 +100,8 @@ impl<T: Number> Processor<T> for Convolutions<T> {
                 scale_rows(sums, columns, &scale[tile.nodes.clone()]);
                 narrow(isa, sums, &mut kept.sums[own.clone()]);
                 let (weight, x) = (&layer.weight.forward, (&kept.sums[own.clone()], columns));
-                kept.value.fill(isa, weight, x, &tile.nodes, layer.bias(), &mut work_rows.wide);
+                let (place, n) = (kept.value.place(own.clone()), tile.nodes.len());
+                place.fill(isa, weight, x, n, layer.bias(), &mut work_rows.wide);
                 let values = sums.iter_mut().zip(&kept.value.value[own]);
                 values.for_each(|(h, value)| *h = value.to_f32());
             }

@@ -3,11 +3,12 @@
 use super::attention::add;
 use super::graph::TrainGraph;
 use super::messages::{Messages, MessagesTape};
-use super::mlp::{Work, fit, numbers};
+use super::mlp::Work;
 use super::network::Buffers;
-use super::weights::{Dense, Gradients, Vector};
-use crate::kernels::{Addend, Function, Number, Output, add_means, narrow, product};
+use crate::kernels::{Addend, Function, Number, Output, add_means, narrow};
 use crate::tiles::blocks;
+use crate::tiles::numbers;
+use crate::weights::{Dense, Gradients, Vector};
 
 /// h += dispatch([h, h_S]), where the model carries on after the macro stage.
 pub struct Dispatch<T> {
@@ -28,12 +29,12 @@ impl<T: Number> Messages<T> {
         };
         stage.forward(members, kept, &mut work.fp32, &work.latents);
         let Some(dispatch) = &self.dispatch else { return };
-        fit(&mut work.table, members.count * columns);
+        work.table.fit(members.count * columns);
         let out = Output::Wide(&mut work.table[..]);
         let bias = Addend::Bias(&dispatch.bias.data);
-        let (weight, x) = (&dispatch.segment.forward, (&kept.latents[..], columns));
-        product(isa, weight, x, members.count, bias, Function::Identity, out);
-        fit(&mut tape.dispatched, graph.n_nodes() * columns);
+        let x = (&kept.latents[..], columns);
+        dispatch.segment.run(x, members.count, bias, Function::Identity, out);
+        tape.dispatched.fit(graph.n_nodes() * columns);
         let zeros = work.shared.zeros();
         for rows in blocks::<T>(graph.n_nodes()) {
             let range = numbers(&rows, columns);
@@ -42,9 +43,8 @@ impl<T: Number> Messages<T> {
             narrow(isa, h, x);
             let row = &members.row[rows.start..=rows.end];
             add_means(isa, h, columns, &work.table, row, &members.member);
-            let own = &dispatch.own.forward;
-            let (x, n) = ((&*x, columns), rows.len());
-            product(isa, own, x, n, Addend::Output(zeros), Function::Identity, Output::Wide(h));
+            let (x, out) = ((&*x, columns), Output::Wide(h));
+            dispatch.own.run(x, rows.len(), Addend::Output(zeros), Function::Identity, out);
         }
     }
 

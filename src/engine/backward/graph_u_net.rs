@@ -2,16 +2,16 @@
 
 use super::attention::add;
 use super::graph::TrainGraph;
-use super::layer::{Layer, LayerTape, Links};
-use super::mlp::fit;
+use super::layer::{LayerTape, Links};
 use super::network::Buffers;
 use super::processor::Processor;
-use super::weights::{Gradients, Slots, Vector};
 use super::{Scale, Scales};
-use crate::kernels::{Buffer, Isa, Number, padded};
+use crate::kernels::{Buffer, Number, padded};
 use crate::order::Order;
+use crate::passing::Layer;
 use crate::processor::{scores, unit};
 use crate::tiles;
+use crate::weights::{Gradients, Vector, Weights};
 use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 use m4gn_structure::{Pooled, Transfer};
@@ -52,13 +52,13 @@ struct Below {
 impl<T: Number> Processor<T> for GraphUNet<T> {
     type Tape = GraphUNetTape<T>;
 
-    fn new(isa: Isa, slots: &mut Slots, spec: &ModelSpec) -> Result<Self> {
+    fn new(weights: &mut Weights, spec: &ModelSpec) -> Result<Self> {
         let a = &spec.architecture;
-        let score = |slots: &mut Slots, l| Vector::new(slots, &format!("processor.{l}.score.weight"));
+        let score = |weights: &mut Weights, l| Vector::new(weights, &format!("processor.{l}.score.weight"));
         Ok(GraphUNet {
             columns: padded(a.width),
-            layers: (0..a.layers()).map(|l| Layer::new(isa, slots, a, l)).collect::<Result<_>>()?,
-            scores: (0..a.layers() / 2).map(|l| score(slots, l)).collect::<Result<_>>()?,
+            layers: (0..a.layers()).map(|l| Layer::new(weights, a, l)).collect::<Result<_>>()?,
+            scores: (0..a.layers() / 2).map(|l| score(weights, l)).collect::<Result<_>>()?,
         })
     }
 
@@ -95,7 +95,7 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
         let (senders, receivers) = graph.ends();
         let as_they_are = Scale::unit(k);
         below.clear();
-        fit(&mut rows[0], size);
+        rows[0].fit(size);
         rows[0][..size].copy_from_slice(&work.latents[..size]);
         let mut layer = |number: usize, order: &Order, of_edges: &[f32], nodes: &mut [f32]| {
             let kept = &mut layers[number];
@@ -123,7 +123,7 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
             edges.add(0..graph.senders.len(), k, of_edges, &mut of_coarse);
             let numbers = coarse.node.iter().map(|&i| kept[i as usize] as usize);
             let above: Vec<_> = numbers.map(|i| (place[i] as usize * columns, score[i].tanh())).collect();
-            fit(&mut next[0], above.len() * columns);
+            next[0].fit(above.len() * columns);
             let mut latents = Vec::with_capacity(above.len() * columns);
             for (&(at, gate), to) in above.iter().zip(next[0].chunks_exact_mut(columns)) {
                 latents.extend_from_slice(&h[at..at + columns]);
@@ -178,7 +178,7 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
         let mut layer = |l: usize, number: usize, d: &mut [f32], gradients: &mut Gradients| {
             let order = order(l);
             let tiles = tiles::cut::<T>(&order.row, order.n_interior);
-            fit(d_edges, order.senders.len() * columns);
+            d_edges.fit(order.senders.len() * columns);
             let of_edges = &mut d_edges[..order.senders.len() * columns];
             let kept = &layers[number];
             let (links, d) = (Links::of(order), (d, &mut *of_edges));

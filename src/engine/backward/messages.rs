@@ -2,17 +2,19 @@
 
 use super::Scales;
 use super::dispatch::Dispatch;
-use super::encoder_decoder::{Encoder, EncoderTape};
+use super::encoder_decoder::EncoderTape;
 use super::graph::TrainGraph;
-use super::layer::{Layer, LayerTape, Links};
-use super::mlp::{fit, numbers};
+use super::layer::{LayerTape, Links};
 use super::network::Buffers;
 use super::processor::Processor;
 use super::stage::{Stage, StageTape};
-use super::weights::{Dense, Gradients, Slots, Vector};
+use crate::encoder_decoder::Encoder;
 use crate::kernels::{Buffer, Isa, Normed, Number, padded};
 use crate::order::Order;
+use crate::passing::Layer;
+use crate::tiles::numbers;
 use crate::tiles::{blocks, runs, sums_of_kinds};
+use crate::weights::{Dense, Gradients, Vector, Weights};
 use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 
@@ -50,27 +52,31 @@ impl<T: Number> Messages<T> {
 impl<T: Number> Processor<T> for Messages<T> {
     type Tape = MessagesTape<T>;
 
-    fn new(isa: Isa, s: &mut Slots, spec: &ModelSpec) -> Result<Self> {
+    fn new(weights: &mut Weights, spec: &ModelSpec) -> Result<Self> {
         let a = &spec.architecture;
         let stage = match a.m4gn() {
-            Some(m) => Some(Stage::new(isa, s, spec, &m.segment_transformer)?),
+            Some(m) => Some(Stage::new(weights, spec, &m.segment_transformer)?),
             None => None,
         };
         let name = "segment.dispatch";
         let dispatch = match a.m4gn().is_some_and(|m| m.layers_after > 0) {
             true => Some(Dispatch {
-                own: Dense::columns(isa, s, name, 0, a.width)?,
-                segment: Dense::columns(isa, s, name, a.width, a.width)?,
-                bias: Vector::new(s, &format!("{name}.bias"))?,
+                own: Dense::part(weights, name, 0, a.width)?,
+                segment: Dense::part(weights, name, a.width, a.width)?,
+                bias: Vector::new(weights, &format!("{name}.bias"))?,
             }),
             false => None,
         };
         Ok(Messages {
-            isa,
+            isa: weights.isa,
             columns: padded(a.width),
             n_edge_features: spec.n_edge_features(),
-            edges: a.edge_encoders().iter().map(|n| Encoder::new(isa, s, n, a)).collect::<Result<_>>()?,
-            layers: (0..a.layers()).map(|l| Layer::new(isa, s, a, l)).collect::<Result<_>>()?,
+            edges: a
+                .edge_encoders()
+                .iter()
+                .map(|name| Encoder::new(weights, name, spec.n_edge_features(), a))
+                .collect::<Result<_>>()?,
+            layers: (0..a.layers()).map(|l| Layer::new(weights, a, l)).collect::<Result<_>>()?,
             layers_before: a.m4gn().map_or(a.layers(), |m| m.layers_before),
             stage,
             dispatch,
@@ -148,7 +154,7 @@ impl<T: Number> Processor<T> for Messages<T> {
         edges: Option<&mut [Vec<f32>]>,
     ) {
         let (columns, n_nodes, n_edges) = (self.columns, graph.n_nodes(), graph.n_edges());
-        fit(&mut work.d_edges, n_edges * columns);
+        work.d_edges.fit(n_edges * columns);
         work.d_edges[..n_edges * columns].fill(0.0);
         let tiles = graph.tiles::<T>();
         for (l, layer) in self.layers.iter().enumerate().rev() {

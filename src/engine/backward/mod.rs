@@ -18,7 +18,6 @@ mod encoder_decoder;
 mod graph;
 mod graph_u_net;
 mod layer;
-mod layout;
 mod messages;
 mod mlp;
 mod muon;
@@ -30,11 +29,10 @@ mod recurrence;
 mod stage;
 #[cfg(test)]
 mod tests;
-mod weights;
 
+pub use crate::layout::{Layout, normal};
 pub use crate::scale::Scale;
 pub use graph::TrainGraph;
-pub use layout::{Layout, normal};
 pub use optimiser::{Optimiser, UpdateRule, norm};
 
 use super::kernels::{Bf16, Number};

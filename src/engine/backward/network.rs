@@ -1,17 +1,19 @@
 //! The whole network in one precision: forward with what is kept, and backward.
 
 use super::dispatch::through_table;
-use super::encoder_decoder::{Decoder, DecoderTape, Encoder, EncoderTape};
+use super::encoder_decoder::EncoderTape;
 use super::graph::TrainGraph;
 use super::layer::Shared;
-use super::layout::Layout;
-use super::mlp::{Work, fit, numbers};
-use super::perceptron::{Perceptron, PerceptronTape};
+use super::mlp::Work;
 use super::processor::Processor;
-use super::weights::{Gradients, Places, Slots};
 use super::{InputGradient, Scales, Trainable, Worker};
-use crate::kernels::{Addend, Buffer, Function, Isa, Normed, Number, Output, Tiles, padded, product};
+use crate::encoder_decoder::{Decoder, DecoderTape, Encoder};
+use crate::kernels::{Addend, Buffer, Function, Isa, Normed, Number, Output, Tiles, padded};
+use crate::layout::Layout;
+use crate::perceptron::{Perceptron, PerceptronTape};
 use crate::tiles::blocks;
+use crate::tiles::numbers;
+use crate::weights::{Gradients, Places, Weights};
 use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 
@@ -66,21 +68,21 @@ impl<T: Number, P: Processor<T>> Network<T, P> {
     pub fn new(spec: &ModelSpec, isa: Isa, flat: &[f32]) -> Result<Self> {
         spec.check()?;
         let layout = Layout::new(spec);
-        let mut slots = Slots::new(&layout, flat);
-        let s = &mut slots;
+        let mut all = Weights::trained(isa, &layout, flat);
+        let weights = &mut all;
         let a = &spec.architecture;
         Ok(Network {
             isa,
             spec: spec.clone(),
             columns: padded(a.width),
-            nodes: Encoder::new(isa, s, "encoder.node", a)?,
+            nodes: Encoder::new(weights, "encoder.node", spec.n_node_features(), a)?,
             position: match a.micro.node_rwse_steps {
                 0 => None,
-                steps => Some(Perceptron::new(isa, s, "encoder.position", steps, a)?),
+                steps => Some(Perceptron::new(weights, "encoder.position", steps, a)?),
             },
-            processor: P::new(isa, s, spec)?,
-            decoder: Decoder::new(isa, s, spec)?,
-            places: slots.places(),
+            processor: P::new(weights, spec)?,
+            decoder: Decoder::new(weights, spec)?,
+            places: all.places(),
             layout,
         })
     }
@@ -113,7 +115,7 @@ impl<T: Number, P: Processor<T>> Trainable for Network<T, P> {
         let widest = padded(ffn.max(gates).max(features).max(position).max(a.width));
         Worker(Box::new(Thread::<T, P::Tape> {
             work: Buffers {
-                shared: Shared::new(widest, self.columns, a.edge_kinds()),
+                shared: Shared::new(widest, self.columns, a.edge_kinds(), self.spec.n_outputs()),
                 fp32: Work::new(widest),
                 latents: Buffer::default(),
                 d_nodes: Buffer::default(),
@@ -141,8 +143,8 @@ impl<T: Number, P: Processor<T>> Trainable for Network<T, P> {
         inputs: &[f32],
         outputs: &mut [f32],
     ) {
-        let (isa, columns, n_nodes) = (self.isa, self.columns, graph.n_nodes());
-        let _tiles = Tiles::new(isa);
+        let (columns, n_nodes) = (self.columns, graph.n_nodes());
+        let _tiles = Tiles::new(self.isa);
         let Thread { work, tapes, .. } = self.of(worker);
         while tapes.len() <= at {
             tapes.push(Tape {
@@ -156,7 +158,7 @@ impl<T: Number, P: Processor<T>> Trainable for Network<T, P> {
         tape.nodes.fit(n_nodes, &self.nodes);
         tape.decoder.fit(graph.n_cells(), columns);
         work.shared.fit(n_nodes, columns);
-        fit(&mut work.latents, n_nodes * columns);
+        work.latents.fit(n_nodes * columns);
 
         let k = self.spec.n_field_inputs();
         let width = self.spec.n_static_features();
@@ -167,7 +169,8 @@ impl<T: Number, P: Processor<T>> Trainable for Network<T, P> {
             to[k..k + width].copy_from_slice(&graph.fixed[node * width..(node + 1) * width]);
         }
         if let Some(position) = &self.position {
-            position.forward(&graph.walk, &mut tape.position, &mut work.fp32, &mut tape.nodes.features);
+            let wide = &mut work.fp32.wide;
+            position.forward(&graph.walk, &mut tape.position, wide, &mut tape.nodes.features);
         }
         let wide = &mut work.shared.work.wide;
         for rows in blocks::<T>(n_nodes) {
@@ -177,13 +180,12 @@ impl<T: Number, P: Processor<T>> Trainable for Network<T, P> {
         self.processor.forward(graph, scales, &mut tape.processor, work);
         if let (Some(weight), Some(stage)) = (&self.decoder.segment, P::segments(&tape.processor)) {
             let k = graph.n_segments();
-            fit(&mut work.table, k * columns);
+            work.table.fit(k * columns);
             let out = Output::Wide(&mut work.table[..]);
-            let x = (stage, columns);
-            product(isa, &weight.forward, x, k, Addend::Nothing, Function::Identity, out);
+            weight.run((stage, columns), k, Addend::Nothing, Function::Identity, out);
         }
         let from = (&work.latents[..], &work.table[..]);
-        self.decoder.forward(graph, &mut tape.decoder, &mut work.shared, &mut work.fp32, from, outputs);
+        self.decoder.forward(graph, &mut tape.decoder, &mut work.shared.scratch, from, outputs);
     }
 
     fn backward(
@@ -203,7 +205,7 @@ impl<T: Number, P: Processor<T>> Trainable for Network<T, P> {
         for (buffer, rows) in
             [(&mut work.d_nodes, n_nodes), (&mut work.d_table, k), (&mut work.d_segments, k)]
         {
-            fit(buffer, rows * columns);
+            buffer.fit(rows * columns);
             buffer[..rows * columns].fill(0.0);
         }
         let falls = (&mut work.d_nodes[..n_nodes * columns], &mut work.d_table[..k * columns]);

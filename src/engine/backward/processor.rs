@@ -3,8 +3,8 @@
 use super::Scales;
 use super::graph::TrainGraph;
 use super::network::Buffers;
-use super::weights::{Gradients, Slots};
-use crate::kernels::{Isa, Number};
+use crate::kernels::Number;
+use crate::weights::{Gradients, Weights};
 use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 
@@ -13,11 +13,11 @@ pub trait Processor<T: Number>: Send + Sync + Sized + 'static {
     /// What one application keeps for its backward pass.
     type Tape: Send + Sync + 'static;
 
-    /// Of a model's shape, with the weights of the slots.
+    /// Of a model's shape.
     ///
     /// # Errors
     /// [`m4gn_base::Error::Internal`] for a weight that the layout lacks.
-    fn new(isa: Isa, slots: &mut Slots, spec: &ModelSpec) -> Result<Self>;
+    fn new(weights: &mut Weights, spec: &ModelSpec) -> Result<Self>;
 
     /// Nothing kept yet.
     fn tape(&self) -> Self::Tape;

@@ -1,20 +1,10 @@
 //! The gated recurrent unit over the nodes of each segment, backward.
 
 use super::attention::{add, add_rows};
-use super::mlp::{Work, fit};
-use super::weights::{Gradients, Linear, Slots};
-use crate::kernels::{Buffer, Isa, padded};
-use crate::recurrence::{Kept, Together, Unit};
-use m4gn_base::Result;
-
-/// Its weights.
-pub struct Recurrence {
-    isa: Isa,
-    d: usize,
-    columns: usize,
-    input: Linear<f32>,
-    hidden: Linear<f32>,
-}
+use super::mlp::Work;
+use crate::kernels::Buffer;
+use crate::recurrence::{Kept, Recurrence, Together};
+use crate::weights::Gradients;
 
 /// What it keeps, for each group of segments, and derivatives by the sums of the gates.
 #[derive(Default)]
@@ -27,28 +17,12 @@ pub struct RecurrenceTape {
 }
 
 impl Recurrence {
-    /// Of a model of width d.
-    pub fn new(isa: Isa, slots: &mut Slots, d: usize) -> Result<Self> {
-        let mut linear = |of: &str| Linear::new(isa, slots, &format!("segment.recurrence.{of}"));
-        Ok(Recurrence { isa, d, columns: padded(d), input: linear("input")?, hidden: linear("hidden")? })
-    }
-
-    fn unit(&self) -> Unit<'_> {
-        Unit {
-            isa: self.isa,
-            d: self.d,
-            columns: self.columns,
-            input: (&self.input.weight.forward, &self.input.bias.data),
-            hidden: (&self.hidden.weight.forward, &self.hidden.bias.data),
-        }
-    }
-
     /// The last state of each segment to its row of `out`.
     pub fn forward(&self, parts: &[Together], tape: &mut RecurrenceTape, nodes: &[f32], out: &mut [f32]) {
         let columns = self.columns;
         tape.kept.resize_with(tape.kept.len().max(parts.len()), Kept::default);
         for (part, kept) in parts.iter().zip(&mut tape.kept) {
-            self.unit().read(part, kept, nodes);
+            self.read(part, kept, nodes);
             for (&s, state) in part.segments.iter().zip(kept.state.chunks_exact(columns)) {
                 out[s as usize * columns..(s as usize + 1) * columns].copy_from_slice(state);
             }
@@ -65,13 +39,13 @@ impl Recurrence {
         d_nodes: &mut [f32],
         gradients: &mut Gradients,
     ) {
-        let (width, columns, stride) = (self.d, self.columns, self.unit().stride());
+        let (width, columns, stride) = (self.d, self.columns, self.stride());
         for (part, kept) in parts.iter().zip(&tape.kept) {
             let (rows, count) = (part.node.len(), part.segments.len());
-            fit(&mut tape.d_input, rows * stride);
-            fit(&mut tape.d_hidden, rows * stride);
-            fit(&mut tape.back, rows * columns);
-            fit(&mut tape.d_state, count * columns);
+            tape.d_input.fit(rows * stride);
+            tape.d_hidden.fit(rows * stride);
+            tape.back.fit(rows * columns);
+            tape.d_state.fit(count * columns);
             for (to, &s) in tape.d_state.chunks_exact_mut(columns).zip(&part.segments) {
                 to.copy_from_slice(&d[s as usize * columns..(s as usize + 1) * columns]);
             }

@@ -1,13 +1,17 @@
 //! The macro stage (eq. 9 to 13) in fp32, forward with what is kept, and backward.
 
-use super::attention::{Attention, AttentionTape, AttentionWork, add};
+use super::attention::{AttentionWork, add};
+use super::encoder_decoder::EncoderTape;
 use super::graph::Members;
-use super::mlp::{Mlp, MlpTape, Work, fit, numbers};
-use super::perceptron::{Perceptron, PerceptronTape};
-use super::recurrence::{Recurrence, RecurrenceTape};
-use super::weights::{Dense, Gradients, Slots};
-use crate::kernels::{Addend, Buffer, Isa, Normed, padded};
-use crate::tiles::blocks;
+use super::mlp::Work;
+use super::recurrence::RecurrenceTape;
+use crate::encoder_decoder::Encoder;
+use crate::kernels::{Buffer, Isa, Normed, Number, padded};
+use crate::perceptron::{Perceptron, PerceptronTape};
+use crate::recurrence::Recurrence;
+use crate::tiles::{blocks, numbers};
+use crate::transformer::{Heads, Scratch, TransformerLayer, TransformerTape};
+use crate::weights::{Gradients, Weights};
 use m4gn_base::Result;
 use m4gn_model::{MacroSpec, ModelSpec};
 
@@ -15,21 +19,24 @@ use m4gn_model::{MacroSpec, ModelSpec};
 pub struct Stage {
     isa: Isa,
     columns: usize,
+    d: usize,
+    of: MacroSpec,
     /// In place of means.
     recurrence: Option<Recurrence>,
-    first: Dense<f32>,
-    encoder: Mlp<f32>,
+    encoder: Encoder<f32>,
     position: Option<Perceptron>,
-    layers: Vec<Attention>,
+    layers: Vec<TransformerLayer>,
 }
 
 /// What the macro stage keeps.
 pub struct StageTape {
     recurrence: RecurrenceTape,
-    means: Buffer<f32>,
-    encoder: MlpTape<f32>,
+    /// Its features are the means.
+    encoder: EncoderTape<f32>,
     position: PerceptronTape,
-    layers: Vec<AttentionTape>,
+    layers: Vec<TransformerTape>,
+    scratch: Scratch,
+    heads: Heads,
     /// h_S
     pub latents: Buffer<f32>,
     work: AttentionWork,
@@ -37,24 +44,27 @@ pub struct StageTape {
 
 impl Stage {
     /// The macro stage of a model.
-    pub fn new(isa: Isa, slots: &mut Slots, spec: &ModelSpec, of: &MacroSpec) -> Result<Self> {
+    pub fn new(weights: &mut Weights, spec: &ModelSpec, of: &MacroSpec) -> Result<Self> {
         let a = &spec.architecture;
         let n = spec.n_position_features();
         let position = match n {
             0 => None,
-            _ => Some(Perceptron::new(isa, slots, "segment.position", n, a)?),
+            _ => Some(Perceptron::new(weights, "segment.position", n, a)?),
         };
         Ok(Stage {
-            isa,
+            isa: weights.isa,
             columns: padded(a.width),
+            d: a.width,
+            of: of.clone(),
             recurrence: match a.needs().sequences {
-                true => Some(Recurrence::new(isa, slots, a.width)?),
+                true => Some(Recurrence::new(weights, a.width)?),
                 false => None,
             },
-            first: Dense::whole(isa, slots, "segment.encoder.0")?,
-            encoder: Mlp::new(isa, slots, "segment.encoder", a)?,
+            encoder: Encoder::new(weights, "segment.encoder", a.width, a)?,
             position,
-            layers: (0..of.layers).map(|l| Attention::new(isa, slots, a, of, l)).collect::<Result<_>>()?,
+            layers: (0..of.layers)
+                .map(|l| TransformerLayer::new(weights, a, of, l))
+                .collect::<Result<_>>()?,
         })
     }
 
@@ -62,39 +72,43 @@ impl Stage {
     pub fn tape(&self) -> StageTape {
         StageTape {
             recurrence: RecurrenceTape::default(),
-            means: Buffer::default(),
-            encoder: MlpTape::new(&self.encoder),
+            encoder: EncoderTape::new(&self.encoder),
             position: PerceptronTape::default(),
-            layers: self.layers.iter().map(Attention::tape).collect(),
+            layers: self.layers.iter().map(|l| l.tape(self.of.heads)).collect(),
+            scratch: Scratch::new(f32::ROWS, self.d, &self.of),
+            heads: self.heads(0),
             latents: Buffer::default(),
             work: AttentionWork::default(),
         }
     }
 
+    fn heads(&self, k: usize) -> Heads {
+        Heads::new(self.isa, k, self.d, self.of.heads)
+    }
+
     /// From node latents to h_S in the tape.
     pub fn forward(&self, members: &Members, tape: &mut StageTape, work: &mut Work<f32>, nodes: &[f32]) {
         let (columns, k) = (self.columns, members.count);
-        fit(&mut tape.means, k * columns);
-        fit(&mut tape.latents, k * columns);
-        tape.encoder.fit(k, columns);
+        tape.latents.fit(k * columns);
+        tape.encoder.fit(k, &self.encoder);
+        let means = &mut tape.encoder.features;
         match &self.recurrence {
-            Some(unit) => unit.forward(&members.together, &mut tape.recurrence, nodes, &mut tape.means),
-            None => average(members, columns, nodes, &mut tape.means),
+            Some(unit) => unit.forward(&members.together, &mut tape.recurrence, nodes, means),
+            None => average(members, columns, nodes, means),
         }
         for rows in blocks::<f32>(k) {
-            let x = (&tape.means[rows.start * columns..], columns);
-            let bias = Addend::Bias(&self.encoder.first_bias.data);
-            let weight = &self.first.forward;
-            tape.encoder.first().fill(self.isa, weight, x, &rows, bias, &mut work.wide);
             let out = Normed::Wide(&mut tape.latents[numbers(&rows, columns)]);
             self.encoder.forward(&mut tape.encoder, &rows, &mut work.wide, out);
         }
         if let Some(position) = &self.position {
-            position.forward(&members.position, &mut tape.position, work, &mut tape.latents);
+            position.forward(&members.position, &mut tape.position, &mut work.wide, &mut tape.latents);
+        }
+        if tape.heads.k() != k {
+            tape.heads = self.heads(k);
         }
         let latents = &mut tape.latents[..k * columns];
         for (layer, kept) in self.layers.iter().zip(&mut tape.layers) {
-            layer.forward(kept, &mut tape.work, work, latents);
+            layer.keep(&mut tape.scratch, &mut tape.heads, kept, latents);
         }
     }
 
@@ -118,11 +132,11 @@ impl Stage {
                 position.backward(&tape.position, &rows, work, &d[range.clone()], gradients);
             }
             work.wide[..n * columns].copy_from_slice(&d[range.clone()]);
-            self.encoder.backward(&tape.encoder, &rows, work, gradients);
+            self.encoder.rest.backward(&tape.encoder.rest, &rows, work, gradients);
             let dy = (&work.narrow[..], columns);
-            let x = (&tape.means[range.clone()], columns);
-            self.first.learn(dy, x, n, gradients, &mut work.pairs);
-            self.first.back(dy, n, &mut d[range]);
+            let x = (&tape.encoder.features[range.clone()], columns);
+            self.encoder.first.learn(dy, x, n, gradients, &mut work.pairs);
+            self.encoder.first.back(dy, n, &mut d[range]);
         }
         if let Some(unit) = &self.recurrence {
             return unit.backward(&members.together, &mut tape.recurrence, work, d, d_nodes, gradients);

@@ -28,6 +28,13 @@ impl<T: Plain> Buffer<T> {
         Buffer { lines, len, kind: std::marker::PhantomData }
     }
 
+    /// Makes it at least this long; what a shorter one held is lost.
+    pub fn fit(&mut self, len: usize) {
+        if self.len < len {
+            *self = Self::new(len);
+        }
+    }
+
     pub fn bytes(&self) -> usize {
         self.lines.len() * 64
     }

@@ -7,12 +7,14 @@ use super::EngineOptions;
 use super::encoder_decoder::{Decoder, Encoder, Fixed};
 use super::grid::Grid;
 use super::kernels::{Buffer, Isa, Number, padded};
+use super::layout::Layout;
 use super::order::Order;
 use super::pool::Pool;
 use super::processor::{self, Processor};
 use super::profile::Profile;
 use super::scale::Scale;
 use super::tiles::Scratch;
+use super::weights::Weights;
 use m4gn_base::{Error, Result};
 use m4gn_model::Model;
 use m4gn_parallel::{Comm, Element};
@@ -36,6 +38,8 @@ pub struct Network<T> {
     scale: Scale,
     processor: Box<dyn Processor<T>>,
     decoder: Decoder<T>,
+    /// Of the outputs.
+    scale_out: Scale,
     /// What h_S contributes to the decoder's first layer, a row a segment.
     table: Buffer<f32>,
 
@@ -60,18 +64,22 @@ impl<T: Number + Element> Network<T> {
         let scratch = (0..pool.n_threads()).map(|_| Scratch::new(widest, kinds, raw, options.profile));
         let scratch = scratch.collect();
         let grid = Grid::new(graph, columns, pool, scratch, options.profile);
-        let decoder = Decoder::new(isa, model)?;
-        let processor = processor::new(model, structure, &grid, keep_encoded)?;
+        let layout = Layout::new(spec);
+        let flat = layout.flatten(model)?;
+        let weights = &mut Weights::new(isa, &layout, &flat);
+        let decoder = Decoder::new(weights, spec)?;
+        let processor = processor::new(weights, model, structure, &grid, keep_encoded)?;
         let n_segments = processor.stage().map_or(0, |s| s.count());
         let mut network = Network {
             n_inputs: spec.n_field_inputs(),
             n_outputs: spec.n_outputs(),
             n_edge_features: spec.n_edge_features(),
             cells: Vec::new(),
-            encoder: Encoder::new(isa, model, "encoder.node", spec.n_field_inputs())?,
-            fixed: Fixed::new(isa, model, structure)?,
+            encoder: Encoder::new(weights, "encoder.node", spec.n_field_inputs(), &spec.architecture)?,
+            fixed: Fixed::new(weights, model, structure)?,
             scale: Scale::of_model(model, "node")?,
-            table: Buffer::new(n_segments * decoder.columns()),
+            table: Buffer::new(n_segments * columns),
+            scale_out: Scale::of_model(model, "output")?,
             processor,
             decoder,
             grid,

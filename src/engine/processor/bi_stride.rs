@@ -3,10 +3,11 @@
 use super::{Processor, flops_of_features};
 use crate::grid::Grid;
 use crate::kernels::{Buffer, Number};
-use crate::passing::{Layer, Topology};
+use crate::passing::{Edges, Layer, Topology};
 use crate::pool::{Parts, Pool};
 use crate::profile::Phase;
 use crate::scale::Scale;
+use crate::weights::Weights;
 use m4gn_base::Result;
 use m4gn_model::Model;
 use m4gn_parallel::{Comm, Element, Halo};
@@ -45,7 +46,7 @@ struct Coarser<T> {
 
 impl<T: Number + Element> BiStride<T> {
     /// The layers of a model.
-    pub fn new(model: &Model, structure: &Structure, grid: &Grid<T>) -> Result<Self> {
+    pub fn new(weights: &mut Weights, model: &Model, structure: &Structure, grid: &Grid<T>) -> Result<Self> {
         let architecture = &model.spec.architecture;
         let mut coarser: Vec<Coarser<T>> = Vec::new();
         for level in structure.levels_for(architecture.needs())? {
@@ -62,7 +63,7 @@ impl<T: Number + Element> BiStride<T> {
         }
         let layers = 0..architecture.layers();
         Ok(BiStride {
-            layers: layers.map(|l| Layer::new(grid.isa, model, l)).collect::<Result<_>>()?,
+            layers: layers.map(|l| Layer::new(weights, architecture, l)).collect::<Result<_>>()?,
             finest: Floor::of_nodes(grid),
             edge_scale: Scale::of_model(model, "edge")?,
             coarser,
@@ -139,7 +140,8 @@ impl<T: Number + Element> Floor<T> {
             let features = unsafe { features.rows(&tile.edges, columns) };
             let (senders, receivers) = (&order.senders[..], &order.receivers[..]);
             let graph = Topology { senders, receivers, sums: receivers, projected };
-            layer.sweep(&graph, tile, s, h, features, None, false);
+            let edges = Edges { before: None, now: features, keep: false };
+            layer.sweep(&graph, tile, s, h, edges, None);
         });
     }
 

@@ -4,8 +4,8 @@
 use super::Processor;
 use crate::grid::Grid;
 use crate::kernels::{Buffer, Function, Number, Output, gather_add, narrow, scatter_add};
-use crate::linear::Linear;
 use crate::profile::Phase;
+use crate::weights::{Linear, Weights};
 use m4gn_base::Result;
 use m4gn_model::Model;
 use m4gn_parallel::{Comm, Element};
@@ -31,10 +31,16 @@ pub fn scales(row: &[u32]) -> Vec<f32> {
 
 impl<T: Number> Convolutions<T> {
     /// The layers of a model.
-    pub fn new(model: &Model, graph: &Graph, grid: &Grid<T>, layers: usize) -> Result<Self> {
+    pub fn new(
+        weights: &mut Weights,
+        model: &Model,
+        graph: &Graph,
+        grid: &Grid<T>,
+        layers: usize,
+    ) -> Result<Self> {
         Ok(Convolutions {
             layers: (0..layers)
-                .map(|l| Linear::new(grid.isa, model, &format!("processor.{l}.convolution")))
+                .map(|l| Linear::new(weights, &format!("processor.{l}.convolution")))
                 .collect::<Result<_>>()?,
             function: model.spec.architecture.activation.into(),
             scale: Vec::new(),
@@ -78,7 +84,7 @@ impl<T: Number + Element> Processor<T> for Convolutions<T> {
                 }
                 s.clock.stop(Phase::Edges);
                 narrow(isa, sums, &mut s.a[..n * columns]);
-                layer.run(isa, (&s.a, columns), n, self.function, Output::Wide(h));
+                layer.run((&s.a, columns), n, self.function, Output::Wide(h));
                 s.clock.stop(Phase::Nodes);
             });
         }

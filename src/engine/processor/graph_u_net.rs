@@ -10,6 +10,7 @@ use crate::passing::Layer;
 use crate::pool::Pool;
 use crate::profile::Phase;
 use crate::scale::Scale;
+use crate::weights::Weights;
 use m4gn_base::Result;
 use m4gn_model::Model;
 use m4gn_parallel::{Comm, Element};
@@ -55,11 +56,13 @@ pub fn scores(latents: &[f32], unit: &[f32], node: &[u32]) -> Vec<f32> {
 
 impl<T: Number + Element> GraphUNet<T> {
     /// The layers of a model.
-    pub fn new(model: &Model, grid: &Grid<T>, levels: usize) -> Result<Self> {
+    pub fn new(weights: &mut Weights, model: &Model, grid: &Grid<T>, levels: usize) -> Result<Self> {
         let layers = 0..model.spec.architecture.layers();
         let score = |l| Ok(unit(&model.tensor(&format!("processor.{l}.score.weight"))?.data));
         Ok(GraphUNet {
-            layers: layers.map(|l| Layer::new(grid.isa, model, l)).collect::<Result<_>>()?,
+            layers: layers
+                .map(|l| Layer::new(weights, &model.spec.architecture, l))
+                .collect::<Result<_>>()?,
             scores: (0..levels).map(score).collect::<Result<_>>()?,
             edge_scale: Scale::of_model(model, "edge")?,
             finest: Floor::of_nodes(grid),

@@ -3,17 +3,15 @@
 use super::Processor;
 use crate::encoder_decoder::Encoder;
 use crate::grid::Grid;
-use crate::kernels::{
-    Addend, Buffer, Function, Isa, Normed, Number, Output, Packed, add_means, narrow, product,
-};
-use crate::linear;
+use crate::kernels::{Addend, Buffer, Function, Normed, Number, Output, add_means, narrow};
 use crate::order::Order;
-use crate::passing::{Layer, Topology};
+use crate::passing::{Edges, Layer, Topology};
 use crate::pool::Parts;
 use crate::profile::Phase;
 use crate::scale::Scale;
 use crate::segment_stage::SegmentStage;
-use crate::tiles::{Scratch, Tile, runs, sums_of_kinds};
+use crate::tiles::{Scratch, Tile, numbers, runs, sums_of_kinds};
+use crate::weights::{Dense, Weights};
 use m4gn_base::Result;
 use m4gn_model::Model;
 use m4gn_parallel::{Comm, Element};
@@ -27,7 +25,7 @@ pub struct Messages<T> {
     layers_before: usize,
     stage: Option<SegmentStage>,
     /// Of h, where layers follow the macro stage.
-    dispatch: Option<Packed<T>>,
+    dispatch: Option<Dense<T>>,
     /// Most bytes of encoded edges that are kept.
     keep_encoded: usize,
     /// Encoded edges, where they are kept.
@@ -41,8 +39,8 @@ pub struct Messages<T> {
 
 /// Features of the edges, and their encoders.
 struct Features<T> {
-    /// Of each kind of edges, with the bias of its first layer.
-    encoders: Vec<(Encoder<T>, Vec<f32>)>,
+    /// Of each kind of edges.
+    encoders: Vec<Encoder<T>>,
     scale: Scale,
     /// Normalised; empty once the edges are encoded for good.
     normed: Vec<f32>,
@@ -51,13 +49,11 @@ struct Features<T> {
 }
 
 impl<T: Number> Features<T> {
-    fn new(isa: Isa, model: &Model) -> Result<Self> {
-        let n = model.spec.n_edge_features();
-        let encoder = |name: &&str| {
-            Ok((Encoder::new(isa, model, name, n)?, linear::bias(model, &format!("{name}.0"))?))
-        };
+    fn new(weights: &mut Weights, model: &Model) -> Result<Self> {
+        let (n, a) = (model.spec.n_edge_features(), &model.spec.architecture);
+        let encoder = |name: &&str| Encoder::new(weights, name, n, a);
         Ok(Features {
-            encoders: model.spec.architecture.edge_encoders().iter().map(encoder).collect::<Result<_>>()?,
+            encoders: a.edge_encoders().iter().map(encoder).collect::<Result<_>>()?,
             scale: Scale::of_model(model, "edge")?,
             normed: Vec::new(),
             sums: Vec::new(),
@@ -84,13 +80,13 @@ impl<T: Number> Features<T> {
         let k = self.scale.channels();
         for chunk in tile.chunks::<T>() {
             for (run, kind) in runs(chunk, &order.receivers, self.sums(order)) {
-                let (encoder, bias) = &self.encoders[kind];
+                let (encoder, first) = (&self.encoders[kind], tile.edges.start);
                 let Scratch { a, b, c, .. } = &mut *scratch;
                 let from = (&self.normed[run.start * k..], k);
-                let own =
-                    (run.start - tile.edges.start) * bias.len()..(run.end - tile.edges.start) * bias.len();
+                let rows = encoder.rest.rows(None, &run, [a, b]);
+                let own = numbers(&(run.start - first..run.end - first), encoder.rest.columns);
                 let out = Normed::Narrow(&mut out[own]);
-                encoder.run(from, run.len(), Addend::Bias(bias), (a, b, c), out);
+                encoder.run(from, run.len(), encoder.bias(), rows, c, out);
             }
         }
     }
@@ -99,6 +95,7 @@ impl<T: Number> Features<T> {
 impl<T: Number + Element> Messages<T> {
     /// Of so many layers before and after the macro stage.
     pub fn new(
+        weights: &mut Weights,
         model: &Model,
         graph: &Graph,
         grid: &Grid<T>,
@@ -106,13 +103,13 @@ impl<T: Number + Element> Messages<T> {
         stage: Option<SegmentStage>,
         keep_encoded: usize,
     ) -> Result<Self> {
-        let (isa, d) = (grid.isa, model.spec.architecture.width);
+        let a = &model.spec.architecture;
         let dispatch = after > 0 && stage.is_some();
         Ok(Messages {
-            features: Features::new(isa, model)?,
-            layers: (0..before + after).map(|l| Layer::new(isa, model, l)).collect::<Result<_>>()?,
+            features: Features::new(weights, model)?,
+            layers: (0..before + after).map(|l| Layer::new(weights, a, l)).collect::<Result<_>>()?,
             layers_before: before,
-            dispatch: dispatch.then(|| linear::columns(isa, model, "segment.dispatch", 0..d)).transpose()?,
+            dispatch: dispatch.then(|| Dense::part(weights, "segment.dispatch", 0, a.width)).transpose()?,
             stage,
             keep_encoded,
             encoded: None,
@@ -159,10 +156,10 @@ impl<T: Number + Element> Messages<T> {
                 features.encode(tile, order, s, e);
                 s.clock.stop(Phase::EncodeEdges);
             }
-            let before = encoded.map(|e| &e[tile.edges.start * columns..tile.edges.end * columns]);
+            let before = encoded.map(|e| &e[numbers(&tile.edges, columns)]);
             let Order { senders, receivers, .. } = order;
             let graph = Topology { senders, receivers, sums: features.sums(order), projected };
-            layer.sweep(&graph, tile, s, h, e, before, keep);
+            layer.sweep(&graph, tile, s, h, Edges { before, now: e, keep }, None);
         };
         match layer.reads_senders() {
             true => grid.sweep(comm, &mut self.projected, &mut self.message, sweep),
@@ -188,8 +185,8 @@ impl<T: Number + Element> Messages<T> {
             add_means(isa, h, columns, table, &row[places.start..=places.end], member);
             s.sums[..h.len()].copy_from_slice(h);
             let rows = Addend::Rows(&s.sums);
-            let identity = Function::Identity;
-            product(isa, weight, (&s.a, columns), places.len(), rows, identity, Output::Wide(h));
+            let (x, out) = ((&s.a[..], columns), Output::Wide(h));
+            weight.run(x, places.len(), rows, Function::Identity, out);
             s.clock.stop(Phase::Segments);
         });
     }

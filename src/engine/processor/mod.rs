@@ -9,6 +9,7 @@ use super::grid::Grid;
 use super::kernels::Number;
 use super::profile::Phase;
 use super::segment_stage::SegmentStage;
+use super::weights::Weights;
 use bi_stride::BiStride;
 use convolution::Convolutions;
 pub use convolution::scales;
@@ -63,6 +64,7 @@ fn flops_of_features(model: &Model, k: usize, (n, e): (f64, f64)) -> Vec<(Phase,
 /// # Errors
 /// [`Error::Model`] when segments or coarser graphs are needed and not given; [`Error::Input`] for segments of another graph.
 pub fn new<T: Number + Element>(
+    weights: &mut Weights,
     model: &Model,
     structure: &Structure,
     grid: &Grid<T>,
@@ -73,19 +75,19 @@ pub fn new<T: Number + Element>(
         .segments_for(architecture.needs())?
         .map(|segments| {
             let threads = grid.pool.n_threads();
-            SegmentStage::new(grid.isa, model, structure, segments, &grid.order.node, threads)
+            SegmentStage::new(weights, model, structure, segments, &grid.order.node, threads)
         })
         .transpose()?;
     Ok(match &architecture.kind {
         Kind::M4gn(m) | Kind::Eagle(m) => {
             let layers = (m.layers_before, m.layers_after);
-            Box::new(Messages::new(model, graph, grid, layers, stage, keep_encoded)?)
+            Box::new(Messages::new(weights, model, graph, grid, layers, stage, keep_encoded)?)
         }
         Kind::MeshGraphNet { layers } => {
-            Box::new(Messages::new(model, graph, grid, (*layers, 0), None, keep_encoded)?)
+            Box::new(Messages::new(weights, model, graph, grid, (*layers, 0), None, keep_encoded)?)
         }
-        Kind::Gcn { layers } => Box::new(Convolutions::new(model, graph, grid, *layers)?),
-        Kind::BsmsGnn { .. } => Box::new(BiStride::new(model, structure, grid)?),
-        Kind::GUNet { levels } => Box::new(GraphUNet::new(model, grid, *levels)?),
+        Kind::Gcn { layers } => Box::new(Convolutions::new(weights, model, graph, grid, *layers)?),
+        Kind::BsmsGnn { .. } => Box::new(BiStride::new(weights, model, structure, grid)?),
+        Kind::GUNet { levels } => Box::new(GraphUNet::new(weights, model, grid, *levels)?),
     })
 }

@@ -1,8 +1,9 @@
 //! Weights as forward and backward products read them, and where their gradients are summed.
 
+use super::kernels::{
+    Addend, Buffer, Function, Isa, Norm, Number, Output, Packed, Pairs, outer, padded, product,
+};
 use super::layout::Layout;
-use crate::kernels::{Addend, Function, Output};
-use crate::kernels::{Buffer, Isa, Norm, Number, Packed, Pairs, outer, padded, product};
 use m4gn_base::Result;
 
 /// A block of a weight, or a vector, in the flat vector and in a block of sums with rows of whole vectors.
@@ -15,10 +16,13 @@ struct Slot {
     stride: usize,
 }
 
-/// Collects the blocks of a network, which then have numbers, and has its weights.
-pub struct Slots<'a> {
+/// The weights of a network, from which its layers take theirs, and the blocks that they make of them.
+pub struct Weights<'a> {
+    pub isa: Isa,
     pub layout: &'a Layout,
     flat: &'a [f32],
+    /// Whether layers have what their derivatives need.
+    trained: bool,
     slots: Vec<Slot>,
 }
 
@@ -30,10 +34,15 @@ pub struct Gradients {
     blocks: Vec<Buffer<f32>>,
 }
 
-impl<'a> Slots<'a> {
-    /// None yet, of weights as long as their layout.
-    pub fn new(layout: &'a Layout, flat: &'a [f32]) -> Self {
-        Slots { layout, flat, slots: Vec::new() }
+impl<'a> Weights<'a> {
+    /// Of a flat vector as long as its layout, for forward passes alone.
+    pub fn new(isa: Isa, layout: &'a Layout, flat: &'a [f32]) -> Self {
+        Weights { isa, layout, flat, trained: false, slots: Vec::new() }
+    }
+
+    /// The same, for derivatives as well.
+    pub fn trained(isa: Isa, layout: &'a Layout, flat: &'a [f32]) -> Self {
+        Weights { trained: true, ..Self::new(isa, layout, flat) }
     }
 
     fn add(&mut self, slot: Slot) -> usize {
@@ -41,7 +50,7 @@ impl<'a> Slots<'a> {
         self.slots.len() - 1
     }
 
-    /// All that were collected.
+    /// Where the sums of all blocks belong.
     pub fn places(self) -> Places {
         Places(self.slots)
     }
@@ -93,30 +102,31 @@ pub struct Dense<T> {
     outputs: usize,
     /// For products of the forward pass.
     pub forward: Packed<T>,
-    backward: Packed<T>,
+    /// For those of the derivative, where there are any.
+    backward: Option<Packed<T>>,
 }
 
 impl<T: Number> Dense<T> {
     /// Columns `first..first + n` of `NAME.weight`.
-    pub fn columns(isa: Isa, slots: &mut Slots, name: &str, first: usize, n: usize) -> Result<Self> {
-        Self::of_pieces(isa, slots, name, &[(0, first, n)])
+    pub fn part(weights: &mut Weights, name: &str, first: usize, n: usize) -> Result<Self> {
+        Self::of_pieces(weights, name, &[(0, first, n)])
     }
 
     /// All columns.
-    pub fn whole(isa: Isa, slots: &mut Slots, name: &str) -> Result<Self> {
-        let n = slots.layout.find(&format!("{name}.weight"))?.1[1];
-        Self::columns(isa, slots, name, 0, n)
+    pub fn whole(weights: &mut Weights, name: &str) -> Result<Self> {
+        let n = weights.layout.find(&format!("{name}.weight"))?.1[1];
+        Self::part(weights, name, 0, n)
     }
 
     /// Of a layer that reads k latents of width d, each padded to whole vectors.
-    pub fn of_latents(isa: Isa, slots: &mut Slots, name: &str, d: usize, k: usize) -> Result<Self> {
+    pub fn of_latents(weights: &mut Weights, name: &str, d: usize, k: usize) -> Result<Self> {
         let pieces: Vec<_> = (0..k).map(|i| (i * padded(d), i * d, d)).collect();
-        Self::of_pieces(isa, slots, name, &pieces)
+        Self::of_pieces(weights, name, &pieces)
     }
 
     /// Pieces: packed input, column, number.
-    fn of_pieces(isa: Isa, slots: &mut Slots, name: &str, pieces: &[(usize, usize, usize)]) -> Result<Self> {
-        let (start, shape) = slots.layout.find(&format!("{name}.weight"))?;
+    fn of_pieces(weights: &mut Weights, name: &str, pieces: &[(usize, usize, usize)]) -> Result<Self> {
+        let (start, shape) = weights.layout.find(&format!("{name}.weight"))?;
         let (outputs, stride) = (shape[0], shape[1]);
         let inputs = pieces.last().map_or(0, |p| p.0 + p.2);
         let pieces: Vec<_> = pieces.iter().map(|&(at, c, n)| (at, start + c, n)).collect();
@@ -125,33 +135,50 @@ impl<T: Number> Dense<T> {
         for &(at, start, n) in &pieces {
             (0..n).for_each(|i| places[at + i] = Some(start + i));
         }
-        let flat = slots.flat;
+        let (isa, flat) = (weights.isa, weights.flat);
         let weight = |i: usize, o: usize| places[i].map_or(0.0, |place| flat[place + o * stride]);
         Ok(Dense {
             isa,
             inputs,
             outputs,
             forward: Packed::new(isa, inputs, outputs, weight),
-            backward: Packed::new(isa, outputs, inputs, |o, i| weight(i, o)),
-            slot: slots.add(Slot { rows: outputs, columns: padded(inputs), pieces, stride }),
+            backward: weights.trained.then(|| Packed::new(isa, outputs, inputs, |o, i| weight(i, o))),
+            slot: weights.add(Slot { rows: outputs, columns: padded(inputs), pieces, stride }),
         })
     }
 
+    /// `f(x W + addend)` of n rows of x, which stand a stride apart.
+    pub fn run(&self, x: (&[T], usize), n: usize, addend: Addend<T>, f: Function, out: Output<T>) {
+        product(self.isa, &self.forward, x, n, addend, f, out);
+    }
+
+    /// Columns of the outputs, padded.
+    pub fn columns(&self) -> usize {
+        self.forward.columns()
+    }
+
+    fn backward(&self) -> &Packed<T> {
+        match &self.backward {
+            Some(weight) => weight,
+            None => unreachable!("a derivative by weights for forward passes alone"),
+        }
+    }
+
     /// `out = dy W`, rows of the padded inputs.
-    pub fn back(&self, (dy, stride): (&[T], usize), n: usize, out: &mut [f32]) {
+    pub fn back(&self, dy: (&[T], usize), n: usize, out: &mut [f32]) {
         let out = Output::Wide(out);
-        product(self.isa, &self.backward, (dy, stride), n, Addend::Nothing, Function::Identity, out);
+        product(self.isa, self.backward(), dy, n, Addend::Nothing, Function::Identity, out);
     }
 
     /// Columns of `dy W`.
     pub fn columns_back(&self) -> usize {
-        self.backward.columns()
+        self.backward().columns()
     }
 
     /// `out += dy W`; `zeros` has a row of them.
-    pub fn back_add(&self, (dy, stride): (&[T], usize), n: usize, out: &mut [f32], zeros: &[f32]) {
+    pub fn back_add(&self, dy: (&[T], usize), n: usize, out: &mut [f32], zeros: &[f32]) {
         let out = Output::Wide(out);
-        product(self.isa, &self.backward, (dy, stride), n, Addend::Output(zeros), Function::Identity, out);
+        product(self.isa, self.backward(), dy, n, Addend::Output(zeros), Function::Identity, out);
     }
 
     /// `dW += dy^T x`.
@@ -176,24 +203,24 @@ pub struct Vector {
 }
 
 /// Place and number of a vector's weights in the flat vector, and where its gradient is summed.
-fn vector(slots: &mut Slots, name: &str) -> Result<(usize, usize, usize)> {
-    let (start, shape) = slots.layout.find(name)?;
+fn vector(weights: &mut Weights, name: &str) -> Result<(usize, usize, usize)> {
+    let (start, shape) = weights.layout.find(name)?;
     let n = shape.iter().product();
-    Ok((start, n, slots.add(Slot { rows: 1, columns: padded(n), pieces: vec![(0, start, n)], stride: n })))
+    Ok((start, n, weights.add(Slot { rows: 1, columns: padded(n), pieces: vec![(0, start, n)], stride: n })))
 }
 
 impl Vector {
     /// The tensor of this name, of one row.
-    pub fn new(slots: &mut Slots, name: &str) -> Result<Self> {
-        let (start, n, slot) = vector(slots, name)?;
-        let mut data = slots.flat[start..start + n].to_vec();
+    pub fn new(weights: &mut Weights, name: &str) -> Result<Self> {
+        let (start, n, slot) = vector(weights, name)?;
+        let mut data = weights.flat[start..start + n].to_vec();
         data.resize(padded(n), 0.0);
         Ok(Vector { slot, data })
     }
 
     /// A place for sums of d numbers that belong to no weight.
-    pub fn unread(slots: &mut Slots, d: usize) -> Self {
-        let slot = slots.add(Slot { rows: 1, columns: padded(d), pieces: Vec::new(), stride: 0 });
+    pub fn unread(weights: &mut Weights, d: usize) -> Self {
+        let slot = weights.add(Slot { rows: 1, columns: padded(d), pieces: Vec::new(), stride: 0 });
         Vector { slot, data: Vec::new() }
     }
 }
@@ -208,10 +235,10 @@ pub struct NormWeights {
 
 impl NormWeights {
     /// Tensors `NAME.weight` and `NAME.bias`.
-    pub fn new(slots: &mut Slots, name: &str) -> Result<Self> {
-        let gain = vector(slots, &format!("{name}.weight"))?;
-        let shift = vector(slots, &format!("{name}.bias"))?;
-        let data = |(start, n, _): (usize, usize, usize)| &slots.flat[start..start + n];
+    pub fn new(weights: &mut Weights, name: &str) -> Result<Self> {
+        let gain = vector(weights, &format!("{name}.weight"))?;
+        let shift = vector(weights, &format!("{name}.bias"))?;
+        let data = |(start, n, _): (usize, usize, usize)| &weights.flat[start..start + n];
         Ok(NormWeights { norm: Norm::new(data(gain), data(shift)), slots: [gain.2, shift.2] })
     }
 }
@@ -224,9 +251,20 @@ pub struct Linear<T> {
 
 impl<T: Number> Linear<T> {
     /// Tensors `NAME.weight` and `NAME.bias`.
-    pub fn new(isa: Isa, slots: &mut Slots, name: &str) -> Result<Self> {
-        let weight = Dense::whole(isa, slots, name)?;
-        Ok(Linear { weight, bias: Vector::new(slots, &format!("{name}.bias"))? })
+    pub fn new(weights: &mut Weights, name: &str) -> Result<Self> {
+        let weight = Dense::whole(weights, name)?;
+        Ok(Linear { weight, bias: Vector::new(weights, &format!("{name}.bias"))? })
+    }
+
+    /// `f(x W + b)` of n rows of x, which stand a stride apart.
+    pub fn run(&self, x: (&[T], usize), n: usize, f: Function, out: Output<T>) {
+        self.weight.run(x, n, self.bias(), f, out);
+    }
+
+    /// `out += x W + b`, as [`Linear::run`].
+    pub fn add(&self, x: (&[T], usize), n: usize, out: &mut [f32]) {
+        let bias = Addend::Output(&self.bias.data);
+        self.weight.run(x, n, bias, Function::Identity, Output::Wide(out));
     }
 
     /// What is added to its product.
