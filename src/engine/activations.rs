@@ -1,9 +1,8 @@
 //! What stands between linear layers: in buffers that are used again, or kept for derivatives.
 
-use super::kernels::{
-    Addend, Buffer, Function, Isa, Kept, Number, Output, Packed, narrow, product, silu_keep,
-};
+use super::kernels::{Addend, Buffer, Function, Kept, Number, Output, narrow, silu_keep};
 use super::tiles::numbers;
+use super::weights::Dense;
 use std::ops::Range;
 
 /// What an activation leaves, a row each: its values, and its derivative where the values do not tell it.
@@ -53,53 +52,43 @@ pub struct Place<'a, T> {
 }
 
 impl<'a, T: Number> Place<'a, T> {
-    /// `f(x W + addend)` of n rows of x; `wide` has room for them.
-    pub fn fill(
-        mut self,
-        isa: Isa,
-        weight: &Packed<T>,
-        x: (&[T], usize),
-        n: usize,
-        addend: Addend<T>,
-        wide: &mut [f32],
-    ) {
+    /// `f(x W + addend)` of n rows of x, which stand a stride apart; `wide` has room for them.
+    pub fn fill(mut self, w: &Dense<T>, x: (&[T], usize), n: usize, addend: Addend<T>, wide: &mut [f32]) {
         match self.slope {
-            Some(_) => self.keep(isa, weight, x, n, addend, wide),
-            None => product(isa, weight, x, n, addend, self.function, Output::Narrow(self.value)),
+            Some(_) => self.keep(w, x, n, addend, wide),
+            None => w.run(x, n, addend, self.function, Output::Narrow(self.value)),
         }
     }
 
     /// The same of a layer in fp32.
     pub fn round(
         mut self,
-        isa: Isa,
-        weight: &Packed<f32>,
+        w: &Dense<f32>,
         x: (&[f32], usize),
         n: usize,
         addend: Addend<f32>,
         wide: &mut [f32],
     ) {
         if self.slope.is_some() {
-            return self.keep(isa, weight, x, n, addend, wide);
+            return self.keep(w, x, n, addend, wide);
         }
-        let size = n * weight.columns();
-        product(isa, weight, x, n, addend, self.function, Output::Wide(wide));
-        narrow(isa, &wide[..size], &mut self.value[..size]);
+        let size = n * w.columns();
+        w.run(x, n, addend, self.function, Output::Wide(wide));
+        narrow(w.isa, &wide[..size], &mut self.value[..size]);
     }
 
     /// The same of a layer in any precision, with the derivatives.
     fn keep<U: Number>(
         &mut self,
-        isa: Isa,
-        weight: &Packed<U>,
+        w: &Dense<U>,
         x: (&[U], usize),
         n: usize,
         addend: Addend<U>,
         wide: &mut [f32],
     ) {
-        product(isa, weight, x, n, addend, Function::Identity, Output::Wide(wide));
+        w.run(x, n, addend, Function::Identity, Output::Wide(wide));
         let slope = self.slope.as_deref_mut().unwrap_or_default();
-        silu_keep(isa, &wide[..n * weight.columns()], self.value, slope);
+        silu_keep(w.isa, &wide[..n * w.columns()], self.value, slope);
     }
 }
 
@@ -107,16 +96,15 @@ impl<'a> Place<'a, f32> {
     /// As [`Place::fill`], of a layer in any precision; returns the values.
     pub fn fill_wide<U: Number>(
         mut self,
-        isa: Isa,
-        weight: &Packed<U>,
+        w: &Dense<U>,
         x: (&[U], usize),
         n: usize,
         addend: Addend<U>,
         wide: &mut [f32],
     ) -> &'a [f32] {
         match self.slope {
-            Some(_) => self.keep(isa, weight, x, n, addend, wide),
-            None => product(isa, weight, x, n, addend, self.function, Output::Wide(self.value)),
+            Some(_) => self.keep(w, x, n, addend, wide),
+            None => w.run(x, n, addend, self.function, Output::Wide(self.value)),
         }
         self.value
     }

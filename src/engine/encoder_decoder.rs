@@ -49,7 +49,7 @@ impl<T: Number> Encoder<T> {
         out: Normed<T>,
     ) {
         let (_, place) = rows.activations.of(0, self.rest.columns);
-        place.round(self.rest.isa, &self.first.forward, features, n, addend, wide);
+        place.round(&self.first, features, n, addend, wide);
         self.rest.forward(n, rows, wide, out);
     }
 }
@@ -231,15 +231,15 @@ impl<T: Number> Decoder<T> {
                 add_means(isa, sum, columns, rows, &member_row[place..=place + 1], member);
             }
         }
-        let (mut weight, mut addend) = (&self.first.forward, Addend::Rows(sums));
+        let (mut weight, mut addend) = (&self.first, Addend::Rows(sums));
         for (i, layer) in self.inner.iter().enumerate() {
             let (before, place) = inner.of(i, columns);
             let x = if i == 0 { &*latents } else { before };
-            place.fill(isa, weight, (x, columns), n, addend, wide);
-            (weight, addend) = (&layer.weight.forward, layer.bias());
+            place.fill(weight, (x, columns), n, addend, wide);
+            (weight, addend) = (&layer.weight, layer.bias());
         }
         let x = self.inner.len().checked_sub(1).map_or(&*latents, |i| inner.values(i, columns));
-        let hidden = last.fill_wide(isa, weight, (x, columns), n, addend, wide);
+        let hidden = last.fill_wide(weight, (x, columns), n, addend, wide);
         self.last.run((hidden, columns), n, Function::Identity, Output::Wide(raw));
         self.last.weight.columns()
     }

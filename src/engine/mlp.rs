@@ -91,7 +91,7 @@ impl<T: Number> Mlp<T> {
         for (i, layer) in (1..).zip(&self.tail) {
             if i < self.tail.len() {
                 let (x, place) = activations.of(i, columns);
-                place.fill(isa, &layer.weight.forward, (x, columns), n, layer.bias(), wide);
+                place.fill(&layer.weight, (x, columns), n, layer.bias(), wide);
             } else {
                 let x = (activations.values(i - 1, columns), columns);
                 layer.run(x, n, Function::Identity, Output::Wide(wide));

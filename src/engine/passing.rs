@@ -188,7 +188,7 @@ impl<T: Number> Layer<T> {
             };
             let mut rows = edge.rest.rows(edge_tape.as_deref_mut(), &chunk, [a, b]);
             let (_, place) = rows.activations.of(0, columns);
-            place.fill(isa, &edge.edge.forward, (before.unwrap_or(edges), columns), m, ends, c);
+            place.fill(&edge.edge, (before.unwrap_or(edges), columns), m, ends, c);
             let before = self.zeros.as_deref().or(before);
             let out = match self.node_sums {
                 NodeSums::After => Normed::Edges { before, edges, keep, sums, owner: into, first },
@@ -206,7 +206,7 @@ impl<T: Number> Layer<T> {
         let bias = Addend::Bias(&self.node.first_bias.data);
         let mut rows = self.node.rows(node_tape, &tile.nodes, [a, b]);
         let (_, place) = rows.activations.of(0, columns);
-        place.fill(isa, &self.node_first.forward, (x, wide), n, bias, c);
+        place.fill(&self.node_first, (x, wide), n, bias, c);
         self.node.forward(n, rows, c, Normed::Residual(h));
         clock.stop(Phase::Nodes);
     }

@@ -72,7 +72,7 @@ impl Perceptron {
                 match next.first_mut() {
                     Some(next) => {
                         let place = next.place(numbers(&rows, self.columns[0]));
-                        place.fill(self.isa, &layer.weight.forward, x, n, layer.bias(), wide);
+                        place.fill(&layer.weight, x, n, layer.bias(), wide);
                     }
                     None => {
                         layer.run(x, n, Function::Identity, Output::Wide(&mut *wide));

@@ -296,8 +296,7 @@ impl TransformerLayer {
             None => Place { function: self.function, value: &mut s.b[..], slope: None },
             Some(hidden) => hidden.place(numbers(rows, wide)),
         };
-        let hidden =
-            place.fill_wide(self.isa, &self.first.weight.forward, from, n, self.first.bias(), &mut s.c);
+        let hidden = place.fill_wide(&self.first.weight, from, n, self.first.bias(), &mut s.c);
         self.second.add((hidden, wide), n, x);
     }
 

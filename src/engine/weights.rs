@@ -95,7 +95,7 @@ impl Gradients {
 
 /// Columns of a linear layer's weight, packed for y = x W^T and for dx = dy W.
 pub struct Dense<T> {
-    isa: Isa,
+    pub isa: Isa,
     slot: usize,
     /// Packed inputs: numbers of each piece, and padding between them.
     inputs: usize,

@@ -8,7 +8,7 @@ use crate::activations::Activated;
 use crate::kernels::{
     Buffer, Function, Isa, Number, activation_backward, gather_add, narrow, padded, scatter_add,
 };
-use crate::processor::scales as scales_of;
+use crate::processor::{scale_rows, scales as scales_of, sum_neighbours};
 use crate::tiles::numbers;
 use crate::weights::{Gradients, Linear, Weights};
 use m4gn_base::Result;
@@ -36,13 +36,6 @@ struct Layer<T> {
     /// What the weight is applied to.
     sums: Buffer<T>,
     value: Activated<T>,
-}
-
-/// Multiplies rows by a number each.
-fn scale_rows(rows: &mut [f32], columns: usize, scale: &[f32]) {
-    for (row, scale) in rows.chunks_exact_mut(columns).zip(scale) {
-        row.iter_mut().for_each(|x| *x *= scale);
-    }
 }
 
 impl<T: Number> Processor<T> for Convolutions<T> {
@@ -88,20 +81,12 @@ impl<T: Number> Processor<T> for Convolutions<T> {
             scaled[..size].copy_from_slice(&work.latents[..size]);
             scale_rows(&mut scaled[..size], columns, scale);
             for tile in &tiles {
-                let (first, own) = (tile.nodes.start, numbers(&tile.nodes, columns));
+                let own = numbers(&tile.nodes, columns);
                 let sums = &mut work.latents[own.clone()];
-                sums.copy_from_slice(&scaled[own.clone()]);
-                for chunk in tile.chunks::<T>() {
-                    let rows = &mut work_rows.wide[..chunk.len() * columns];
-                    rows.fill(0.0);
-                    gather_add(isa, rows, columns, scaled, &order.senders[chunk.clone()], 0);
-                    scatter_add(isa, rows, columns, sums, &order.receivers[chunk], first);
-                }
-                scale_rows(sums, columns, &scale[tile.nodes.clone()]);
+                sum_neighbours::<T>(isa, (tile, order), (scaled, scale), &mut work_rows.wide, sums);
                 narrow(isa, sums, &mut kept.sums[own.clone()]);
-                let (weight, x) = (&layer.weight.forward, (&kept.sums[own.clone()], columns));
-                let (place, n) = (kept.value.place(own.clone()), tile.nodes.len());
-                place.fill(isa, weight, x, n, layer.bias(), &mut work_rows.wide);
+                let (x, place) = ((&kept.sums[own.clone()], columns), kept.value.place(own.clone()));
+                place.fill(&layer.weight, x, tile.nodes.len(), layer.bias(), &mut work_rows.wide);
                 let values = sums.iter_mut().zip(&kept.value.value[own]);
                 values.for_each(|(h, value)| *h = value.to_f32());
             }

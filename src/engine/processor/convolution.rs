@@ -3,8 +3,10 @@
 
 use super::Processor;
 use crate::grid::Grid;
-use crate::kernels::{Buffer, Function, Number, Output, gather_add, narrow, scatter_add};
+use crate::kernels::{Buffer, Function, Isa, Number, Output, gather_add, narrow, scatter_add};
+use crate::order::Order;
 use crate::profile::Phase;
+use crate::tiles::{Tile, numbers};
 use crate::weights::{Linear, Weights};
 use m4gn_base::Result;
 use m4gn_model::Model;
@@ -27,6 +29,32 @@ pub struct Convolutions<T> {
 pub fn scales(row: &[u32]) -> Vec<f32> {
     let edges = row.windows(2).map(|w| w[1] - w[0]);
     edges.map(|n| (1.0 / (1.0 + f64::from(n)).sqrt()) as f32).collect()
+}
+
+/// Multiplies rows by a number each.
+pub fn scale_rows(rows: &mut [f32], columns: usize, scale: &[f32]) {
+    for (row, scale) in rows.chunks_exact_mut(columns).zip(scale) {
+        row.iter_mut().for_each(|x| *x *= scale);
+    }
+}
+
+/// a of a tile's nodes, from all latents times their scale; `rows` has room for some edges.
+pub fn sum_neighbours<T: Number>(
+    isa: Isa,
+    (tile, order): (&Tile, &Order),
+    (scaled, scale): (&[f32], &[f32]),
+    rows: &mut [f32],
+    sums: &mut [f32],
+) {
+    let (columns, first) = (sums.len() / tile.nodes.len(), tile.nodes.start);
+    sums.copy_from_slice(&scaled[numbers(&tile.nodes, columns)]);
+    for chunk in tile.chunks::<T>() {
+        let rows = &mut rows[..chunk.len() * columns];
+        rows.fill(0.0);
+        gather_add(isa, rows, columns, scaled, &order.senders[chunk.clone()], 0);
+        scatter_add(isa, rows, columns, sums, &order.receivers[chunk], first);
+    }
+    scale_rows(sums, columns, &scale[tile.nodes.clone()]);
 }
 
 impl<T: Number> Convolutions<T> {
@@ -70,18 +98,9 @@ impl<T: Number + Element> Processor<T> for Convolutions<T> {
             let message = &mut self.message;
             grid.sweep(comm, &mut self.scaled, message, |s, tile, order, scaled, h| {
                 s.clock.start();
-                let (n, first) = (tile.nodes.len(), tile.nodes.start);
+                let n = tile.nodes.len();
                 let sums = &mut s.sums[..n * columns];
-                sums.copy_from_slice(&scaled[first * columns..(first + n) * columns]);
-                for chunk in tile.chunks::<T>() {
-                    let rows = &mut s.c[..chunk.len() * columns];
-                    rows.fill(0.0);
-                    gather_add(isa, rows, columns, scaled, &order.senders[chunk.clone()], 0);
-                    scatter_add(isa, rows, columns, sums, &order.receivers[chunk], first);
-                }
-                for (sum, scale) in sums.chunks_exact_mut(columns).zip(&scale[tile.nodes.clone()]) {
-                    sum.iter_mut().for_each(|x| *x *= scale);
-                }
+                sum_neighbours::<T>(isa, (tile, order), (scaled, scale), &mut s.c, sums);
                 s.clock.stop(Phase::Edges);
                 narrow(isa, sums, &mut s.a[..n * columns]);
                 layer.run((&s.a, columns), n, self.function, Output::Wide(h));

@@ -12,7 +12,7 @@ use super::segment_stage::SegmentStage;
 use super::weights::Weights;
 use bi_stride::BiStride;
 use convolution::Convolutions;
-pub use convolution::scales;
+pub use convolution::{scale_rows, scales, sum_neighbours};
 use graph_u_net::GraphUNet;
 pub use graph_u_net::{scores, unit};
 use m4gn_base::Result;
