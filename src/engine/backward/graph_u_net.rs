@@ -9,12 +9,12 @@ use super::{Scale, Scales};
 use crate::kernels::{Buffer, Number, padded};
 use crate::order::Order;
 use crate::passing::Layer;
-use crate::processor::{scores, unit};
+use crate::processor::{PoolGraph, above, scores, unit};
 use crate::tiles;
 use crate::weights::{Gradients, Vector, Weights};
 use m4gn_base::Result;
 use m4gn_model::ModelSpec;
-use m4gn_structure::{Pooled, Transfer};
+use m4gn_structure::Transfer;
 
 /// The layers of a model: down, on the coarsest graph, up; and the vectors of the scores.
 pub struct GraphUNet<T> {
@@ -37,11 +37,8 @@ pub struct GraphUNetTape<T> {
 /// A coarser graph.
 struct Below {
     order: Order,
-    choice: Vec<[u32; 2]>,
-    senders: Vec<i32>,
-    receivers: Vec<i32>,
-    /// Normalised, by number.
-    features: Vec<f32>,
+    /// Its features are normalised, by number.
+    links: PoolGraph,
     edges: Transfer,
     /// Where each place stands in the finer graph, and its gate.
     above: Vec<(usize, f32)>,
@@ -73,8 +70,10 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
 
     fn kept(tape: &GraphUNetTape<T>) -> usize {
         let layers: usize = tape.layers.iter().map(|l| l.bytes()).sum();
-        let below =
-            tape.below.iter().map(|b| 4 * (b.features.len() + b.latents.len() + 2 * b.edges.from.len()));
+        let below = tape
+            .below
+            .iter()
+            .map(|b| 4 * (b.links.features.len() + b.latents.len() + 2 * b.edges.from.len()));
         layers + tape.rows.iter().map(|r| r.bytes()).sum::<usize>() + below.sum::<usize>()
     }
 
@@ -90,9 +89,10 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
         let (depth, size) = (self.scores.len(), graph.n_nodes() * columns);
         let GraphUNetTape { layers, below, rows, .. } = tape;
         let by_number: Vec<u32> = (0..graph.n_edges() as u32).collect();
-        let mut normed = vec![0f32; graph.n_edges() * k];
-        scales.edge.normalise_rows(&graph.edge_features, &by_number, k, &mut normed);
+        let mut features = vec![0f32; graph.n_edges() * k];
+        scales.edge.normalise_rows(&graph.edge_features, &by_number, k, &mut features);
         let (senders, receivers) = graph.ends();
+        let finest = PoolGraph { nodes: graph.choice.clone(), senders, receivers, features };
         let as_they_are = Scale::unit(k);
         below.clear();
         rows[0].fit(size);
@@ -105,50 +105,33 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
             self.layers[number].forward(Links::of(order), &tiles, kept, &mut work.shared, nodes, None);
         };
         for l in 0..=depth {
-            let (order, ends, of_edges) = match below.last() {
-                None => (&graph.order, (&senders[..], &receivers[..]), &normed),
-                Some(b) => (&b.order, (&b.senders[..], &b.receivers[..]), &b.features),
-            };
+            let (order, links) = below.last().map_or((&graph.order, &finest), |b| (&b.order, &b.links));
             let n = order.node.len();
-            layer(l, order, of_edges, &mut rows[l][..n * columns]);
+            layer(l, order, &links.features, &mut rows[l][..n * columns]);
             let Some(p) = self.scores.get(l) else { break };
             let (own, next) = rows.split_at_mut(l + 1);
             let h = &own[l][..n * columns];
             let score = scores(h, &unit(&p.data[..columns]), &order.node);
-            let choice = below.last().map_or(&graph.choice, |b| &b.choice);
-            let Pooled { kept, graph, edges } = Pooled::new(ends, choice, &score);
-            let choice = kept.iter().map(|&i| choice[i as usize]).collect();
-            let (coarse, place) = (Order::new(&graph), order.places());
-            let mut of_coarse = vec![0.0; graph.senders.len() * k];
-            edges.add(0..graph.senders.len(), k, of_edges, &mut of_coarse);
-            let numbers = coarse.node.iter().map(|&i| kept[i as usize] as usize);
-            let above: Vec<_> = numbers.map(|i| (place[i] as usize * columns, score[i].tanh())).collect();
+            let (pooled, links) = links.pooled(&score);
+            let coarse = Order::new(&pooled.graph);
+            let above = above(&pooled, &coarse, order, &score);
             next[0].fit(above.len() * columns);
             let mut latents = Vec::with_capacity(above.len() * columns);
             for (&(at, gate), to) in above.iter().zip(next[0].chunks_exact_mut(columns)) {
-                latents.extend_from_slice(&h[at..at + columns]);
-                to.iter_mut().zip(&h[at..]).for_each(|(to, h)| *to = gate * h);
+                let h = &h[at * columns..(at + 1) * columns];
+                latents.extend_from_slice(h);
+                to.iter_mut().zip(h).for_each(|(to, h)| *to = gate * h);
             }
-            let (senders, receivers) = (graph.senders, graph.receivers);
-            below.push(Below {
-                order: coarse,
-                choice,
-                senders,
-                receivers,
-                features: of_coarse,
-                edges,
-                above,
-                latents,
-            });
+            below.push(Below { order: coarse, links, edges: pooled.edges, above, latents });
         }
         for l in (0..depth).rev() {
             let (own, next) = rows.split_at_mut(l + 1);
             for (&(at, _), h) in below[l].above.iter().zip(next[0].chunks_exact(columns)) {
-                add(&mut own[l][at..at + columns], h);
+                add(&mut own[l][at * columns..(at + 1) * columns], h);
             }
             let (order, of_edges) = match l.checked_sub(1) {
-                None => (&graph.order, &normed),
-                Some(l) => (&below[l].order, &below[l].features),
+                None => (&graph.order, &finest.features),
+                Some(l) => (&below[l].order, &below[l].links.features),
             };
             layer(2 * depth - l, order, of_edges, &mut own[l][..order.node.len() * columns]);
         }
@@ -192,7 +175,7 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
             layer(l, 2 * depth - l, &mut rows[l][..n], gradients);
             let (own, next) = rows.split_at_mut(l + 1);
             for (&(at, _), to) in below[l].above.iter().zip(next[0].chunks_exact_mut(columns)) {
-                to.copy_from_slice(&own[l][at..at + columns]);
+                to.copy_from_slice(&own[l][at * columns..(at + 1) * columns]);
             }
         }
         for l in (0..=depth).rev() {
@@ -206,7 +189,7 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
             let parts = below[finer].latents.chunks_exact(columns).zip(own[0].chunks_exact(columns));
             for (&(at, gate), (h, d)) in below[finer].above.iter().zip(parts) {
                 let d_score = dot(d, h) * (1.0 - gate * gate);
-                let to = &mut above[finer][at..at + columns];
+                let to = &mut above[finer][at * columns..(at + 1) * columns];
                 to.iter_mut().zip(d).zip(&unit).for_each(|((to, d), p)| *to += gate * d + d_score * p);
                 d_unit.iter_mut().zip(h).for_each(|(to, h)| *to += d_score * h);
             }

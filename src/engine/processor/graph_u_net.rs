@@ -6,6 +6,7 @@ use super::bi_stride::Floor;
 use super::{Processor, flops_of_features};
 use crate::grid::Grid;
 use crate::kernels::{Number, padded};
+use crate::order::Order;
 use crate::passing::Layer;
 use crate::pool::Pool;
 use crate::profile::Phase;
@@ -25,16 +26,36 @@ pub struct GraphUNet<T> {
     /// Of the edges' features.
     edge_scale: Scale,
     finest: Floor<T>,
-    graph: Links,
+    graph: PoolGraph,
 }
 
 /// Who hears whom, the normalised features of the edges, and by what the nodes are chosen beside their scores.
 #[derive(Debug, Default)]
-struct Links {
-    nodes: Vec<[u32; 2]>,
-    senders: Vec<i32>,
-    receivers: Vec<i32>,
-    features: Vec<f32>,
+pub struct PoolGraph {
+    pub nodes: Vec<[u32; 2]>,
+    pub senders: Vec<i32>,
+    pub receivers: Vec<i32>,
+    pub features: Vec<f32>,
+}
+
+impl PoolGraph {
+    /// The graph of the nodes with the largest scores, and the same for coarser ones.
+    pub fn pooled(&self, score: &[f32]) -> (Pooled, PoolGraph) {
+        let pooled = Pooled::new((&self.senders, &self.receivers), &self.nodes, score);
+        let (k, n_edges) = (self.features.len() / self.senders.len().max(1), pooled.graph.senders.len());
+        let mut features = vec![0.0; n_edges * k];
+        pooled.edges.add(0..n_edges, k.max(1), &self.features, &mut features);
+        let nodes = pooled.kept.iter().map(|&i| self.nodes[i as usize]).collect();
+        let (senders, receivers) = (pooled.graph.senders.clone(), pooled.graph.receivers.clone());
+        (pooled, PoolGraph { nodes, senders, receivers, features })
+    }
+}
+
+/// For each place of a coarser graph's order the node's place in the finer graph, and its gate.
+pub fn above(pooled: &Pooled, own: &Order, finer: &Order, score: &[f32]) -> Vec<(usize, f32)> {
+    let place = finer.places();
+    let numbers = own.node.iter().map(|&i| pooled.kept[i as usize] as usize);
+    numbers.map(|i| (place[i] as usize, score[i].tanh())).collect()
 }
 
 /// p / |p|, padded.
@@ -66,7 +87,7 @@ impl<T: Number + Element> GraphUNet<T> {
             scores: (0..levels).map(score).collect::<Result<_>>()?,
             edge_scale: Scale::of_model(model, "edge")?,
             finest: Floor::of_nodes(grid),
-            graph: Links::default(),
+            graph: PoolGraph::default(),
         })
     }
 
@@ -74,7 +95,7 @@ impl<T: Number + Element> GraphUNet<T> {
     fn cycle(
         comm: &Comm,
         grid: &mut Grid<T>,
-        (floor, links): (&mut Floor<T>, &Links),
+        (floor, links): (&mut Floor<T>, &PoolGraph),
         layers: &[Layer<T>],
         scores: &[Vec<f32>],
     ) {
@@ -83,32 +104,23 @@ impl<T: Number + Element> GraphUNet<T> {
         let ([inner @ .., last], [unit, scores @ ..]) = (others, scores) else {
             return;
         };
-        let (columns, place) = (grid.columns, grid.order.places());
+        let columns = grid.columns;
         let score = self::scores(&grid.nodes, unit, &grid.order.node);
-        let ends = (&links.senders[..], &links.receivers[..]);
-        let Pooled { kept, graph, edges } = Pooled::new(ends, &links.nodes, &score);
-        let k = links.features.len() / links.senders.len().max(1);
-        let n_edges = graph.senders.len();
-        let mut below = Links { features: vec![0.0; n_edges * k], ..Links::default() };
-        edges.add(0..n_edges, k.max(1), &links.features, &mut below.features);
+        let (pooled, below) = links.pooled(&score);
         let pool = Pool::new(1, grid.isa);
-        let mut next: Grid<T> = Grid::new(&graph, columns, pool, Vec::new(), grid.timed);
-        (below.senders, below.receivers) = (graph.senders, graph.receivers);
-        below.nodes = kept.iter().map(|&i| links.nodes[i as usize]).collect();
+        let mut next: Grid<T> = Grid::new(&pooled.graph, columns, pool, Vec::new(), grid.timed);
+        let above = above(&pooled, &next.order, &grid.order, &score);
+        let k = links.features.len() / links.senders.len().max(1);
         let mut ground = Floor::of_nodes(&next);
         ground.take(&next.order.edge, &below.features, &Scale::unit(k), columns);
-        // Where a place of the coarser graph stands in this one.
-        let above = |p: usize| place[kept[next.order.node[p] as usize] as usize] as usize * columns;
-        let above: Vec<usize> = (0..next.n_owned).map(above).collect();
-        for (p, to) in next.nodes.chunks_exact_mut(columns).take(above.len()).enumerate() {
-            let gate = score[kept[next.order.node[p] as usize] as usize].tanh();
-            to.iter_mut().zip(&grid.nodes[above[p]..]).for_each(|(to, h)| *to = gate * h);
+        for (to, &(at, gate)) in next.nodes.chunks_exact_mut(columns).zip(&above) {
+            to.iter_mut().zip(&grid.nodes[at * columns..]).for_each(|(to, h)| *to = gate * h);
         }
         grid.hand_over(&mut next);
         Self::cycle(comm, &mut next, (&mut ground, &below), inner, scores);
         grid.hand_over(&mut next);
-        for (&at, h) in above.iter().zip(next.nodes.chunks_exact(columns)) {
-            grid.nodes[at..at + columns].iter_mut().zip(h).for_each(|(to, h)| *to += h);
+        for (&(at, _), h) in above.iter().zip(next.nodes.chunks_exact(columns)) {
+            grid.nodes[at * columns..(at + 1) * columns].iter_mut().zip(h).for_each(|(to, h)| *to += h);
         }
         floor.pass(comm, grid, last);
     }
@@ -121,7 +133,7 @@ impl<T: Number + Element> Processor<T> for GraphUNet<T> {
         let order: Vec<u32> = (0..graph.senders.len() as u32).collect();
         let mut normed = vec![0f32; order.len() * k];
         self.edge_scale.normalise_rows(&graph.edge_features, &order, k, &mut normed);
-        self.graph = Links {
+        self.graph = PoolGraph {
             nodes: structure.choice(),
             senders: graph.senders.clone(),
             receivers: graph.receivers.clone(),

@@ -14,7 +14,7 @@ use bi_stride::BiStride;
 use convolution::Convolutions;
 pub use convolution::{scale_rows, scales, sum_neighbours};
 use graph_u_net::GraphUNet;
-pub use graph_u_net::{scores, unit};
+pub use graph_u_net::{PoolGraph, above, scores, unit};
 use m4gn_base::Result;
 use m4gn_model::{Kind, Model};
 use m4gn_parallel::{Comm, Element};
