@@ -1,5 +1,5 @@
-//! Gradients of the network on the processor, for training: the engine's arithmetic, tiles and kernels, forward with
-//! what is kept and backward.
+//! Gradients of the network on the processor, for training: the engine's forward passes with what is kept, and their
+//! derivatives.
 //!
 //! A graph is one thread's work, so that nothing within it is shared and its gradient does not depend on the number of
 //! threads. For a linear layer y = x W^T the backward pass is dx = dy W and dW = dy^T x. Activations are kept, not
