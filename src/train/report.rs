@@ -4,7 +4,7 @@ use super::log::{Row, Validation};
 use indicatif::{ProgressBar, ProgressStyle};
 use m4gn_report::number;
 use std::cell::RefCell;
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::time::Instant;
 
 /// The terminal, or lines on standard error.
@@ -30,9 +30,9 @@ impl Report {
     /// A line that stays.
     pub fn line(&self, text: &str) {
         if self.terminal {
-            self.bar.borrow().suspend(|| eprintln!("{text}"));
+            self.bar.borrow().suspend(|| say(text));
         } else if self.speaks {
-            eprintln!("{text}");
+            say(text);
         }
     }
 
@@ -72,10 +72,10 @@ impl Report {
         if self.terminal {
             self.bar.borrow().set_message(text);
         } else if self.speaks {
-            eprintln!(
+            say(&format!(
                 "step {}, {:.0} s: {text}, learning rate {:.2e}",
                 row.step, row.seconds, row.learning_rate
-            );
+            ));
         }
     }
 
@@ -102,4 +102,9 @@ impl Report {
             *self.bar.borrow_mut() = bar;
         }
     }
+}
+
+/// Prints a line on standard error. A training goes on where nobody reads it any more.
+fn say(text: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
