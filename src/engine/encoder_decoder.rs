@@ -215,7 +215,8 @@ impl<T: Number> Decoder<T> {
         let (latents, mut inner, last, wide) = match tape {
             None => {
                 let last = Place { function: self.function, value: &mut c[..], slope: None };
-                (&mut x[..n * columns], Activations::Passing(self.function, [a, b]), last, &mut [][..])
+                // All of the buffer: tiles of AMX read sixteen rows where there are fewer.
+                (&mut x[..], Activations::Passing(self.function, [a, b]), last, &mut [][..])
             }
             Some((DecoderTape { latents, values, last }, rows)) => {
                 let range = numbers(&rows, columns);

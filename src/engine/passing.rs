@@ -3,7 +3,7 @@
 use super::kernels::{Addend, Buffer, Function, Isa, Normed, Number, Output, narrow, padded, scatter_add};
 use super::mlp::{Mlp, MlpTape};
 use super::profile::Phase;
-use super::tiles::{Scratch, Tile, WORLD, numbers};
+use super::tiles::{Scratch, Tile, WORLD};
 use super::weights::{Dense, Weights};
 use m4gn_base::Result;
 use m4gn_model::{Architecture, NodeSums};
@@ -152,9 +152,10 @@ impl<T: Number> Layer<T> {
         scratch.clock.start();
         let (isa, columns, wide, n) = (self.isa, self.columns, self.wide, tile.nodes.len());
         let Scratch { x, a, b, c, receivers, sums, clock, .. } = scratch;
+        // Up to the end of where they stand: tiles of AMX read sixteen rows where there are fewer.
         let (x, mut edge_tape, node_tape) = match tape {
-            None => (&mut x[..n * wide], None, None),
-            Some(t) => (&mut t.nodes[numbers(&tile.nodes, wide)], t.edge.as_mut(), Some(&mut t.node)),
+            None => (&mut x[..], None, None),
+            Some(t) => (&mut t.nodes[tile.nodes.start * wide..], t.edge.as_mut(), Some(&mut t.node)),
         };
         let Edges { before: all_before, now, keep } = edges;
         // Latents left, sums right.
@@ -198,7 +199,7 @@ impl<T: Number> Layer<T> {
         }
         clock.stop(Phase::Edges);
 
-        for (i, x) in x.chunks_exact_mut(wide).enumerate() {
+        for (i, x) in x.chunks_exact_mut(wide).take(n).enumerate() {
             for (kind, x) in x.chunks_exact_mut(columns).skip(1).enumerate() {
                 narrow(isa, &sums[(kind * WORLD + i) * columns..][..columns], x);
             }
