@@ -111,14 +111,16 @@ impl Fixed {
 fn positioned(weights: &mut Weights, model: &Model, walk: &[f32], mut rows: Vec<f32>) -> Result<Vec<f32>> {
     let a = &model.spec.architecture;
     let (columns, features) = (padded(a.width), padded(model.spec.n_node_features()));
-    let position = Perceptron::new(weights, "encoder.position", a.micro.node_rwse_steps, a)?;
-    let mut encoded = vec![0.0; rows.len() / columns * features];
-    position.run(walk, &mut encoded);
+    let steps = a.micro.node_rwse_steps;
+    let position = Perceptron::new(weights, "encoder.position", steps, a)?;
     let node: Dense<f32> = Dense::whole(weights, "encoder.node.0")?;
     let mut out = vec![0.0; f32::ROWS * columns];
     for range in blocks::<f32>(rows.len() / columns) {
         let (n, own) = (range.len(), &mut rows[numbers(&range, columns)]);
-        let x = (&encoded[numbers(&range, features)], features);
+        // Some nodes at a time, so that the activations of all need no room.
+        let mut encoded = vec![0.0; n * features];
+        position.run(&walk[numbers(&range, steps)], &mut encoded);
+        let x = (&encoded[..], features);
         node.run(x, n, Addend::Rows(own), Function::Identity, Output::Wide(&mut out));
         own.copy_from_slice(&out[..n * columns]);
     }
