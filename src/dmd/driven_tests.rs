@@ -178,12 +178,15 @@ fn what_the_window_has_not_seen_is_refused() {
     online.foresee(1.0, &[&[], &[], &inlet(3.0)]);
     let message = online.later(&online.outlook().unwrap(), 1.0).unwrap_err().to_string();
     assert!(message.contains("an input goes beyond"), "{message}");
-    // Another course between the samples
+    // Another course between the samples, from the fifth on: the strides before it stay
     let mut online = system.seen(60, 60);
     online.fit().unwrap();
-    for s in [0.5, 1.0] {
-        online.foresee(s, &[&[], &[], &inlet(signal(59.0 + s) + if s < 1.0 { 0.4 } else { 0.0 })]);
+    tell(&mut online, 59, 4.0);
+    for (s, more) in [(4.5, 1.2), (5.0, 0.0)] {
+        online.foresee(s, &[&[], &[], &inlet(signal(59.0 + s) + more)]);
     }
-    let message = online.later(&online.outlook().unwrap(), 1.0).unwrap_err().to_string();
+    let message = online.resolves(5.0).unwrap_err().to_string();
     assert!(message.contains("faster than states are apart"), "{message}");
+    assert!(online.resolves(4.0).is_ok() && online.predict(3.9).is_some(), "an old level");
+    assert!(online.jump(4.0, 0.5 * 63.0, 0.5));
 }

@@ -8,7 +8,7 @@ use crate::online::{OnlineDmd, Predicted, is_passed_next};
 use crate::sampling::SAME;
 use crate::snapshots::Combination;
 use crate::spectrum::Mode;
-use m4gn_base::{Error, Result};
+use m4gn_base::{Error, Result, refuse};
 use serde::{Deserialize, Serialize};
 
 /// How far inputs halfway between samples may be off the samples' mean, root mean squares over what they vary by: a wave of three samples a
@@ -167,18 +167,6 @@ impl OnlineDmd {
                 }
             }
         }
-        let between_samples = |n: i64| {
-            let (a, b) = (input((from + n - 1) as f64)?, input((from + n) as f64)?);
-            Some((input(from as f64 + n as f64 - 0.5)?, combined(&[a, b], &[0.5, 0.5])))
-        };
-        let off: Vec<f64> =
-            (1..).map_while(between_samples).map(|(v, mean)| driven.square(&v, &mean)).collect();
-        if off.iter().sum::<f64>() > UNRESOLVED * UNRESOLVED * off.len() as f64 {
-            return Err(Error::Numerical(
-                "what is prescribed changes faster than states are apart: the solver goes on; expected a snapshotInterval of a tenth of its period"
-                    .into(),
-            ));
-        }
         let rests = driven.follow(rests, &inputs).map_err(Error::Numerical)?;
         let place = (driven.shape.delays - 1) as i64 + whole(strides).0;
         let weights = match interpolated {
@@ -193,6 +181,35 @@ impl OnlineDmd {
             false => driven.weights(&rests[place as usize], &inputs[place as usize]),
         };
         Ok(spread(&self.snapshots, &outlook.slots, &weights))
+    }
+
+    /// Whether the samples up to `strides` after the present one tell what is prescribed between them, as far as that was
+    /// [foreseen](Self::foresee). To be asked before a stride is taken: one that was taken stays, whatever is foreseen for the next.
+    ///
+    /// # Errors
+    /// [`Error::Numerical`] where what is prescribed changes faster.
+    pub fn resolves(&self, strides: f64) -> Result<()> {
+        let (Some(fit), Some(from)) = (&self.state.fit, self.state.present) else { return Ok(()) };
+        let Model::Driven(driven) = &fit.model else { return Ok(()) };
+        let variation = prescribed(&self.snapshots, &fit.variation);
+        let row = |position: f64| self.prescribed_row(position, &fit.slots, &variation);
+        let input = |position: f64| Some(driven.input(&row(position)?));
+        let mut off = Vec::new();
+        let mut before = input(from as f64);
+        for n in 1..=last(strides).0 {
+            let position = (from + n) as f64;
+            let (half, next) = (input(position - 0.5), input(position));
+            if let (Some(a), Some(half), Some(b)) = (before, half, next.clone()) {
+                off.push(driven.square(&half, &combined(&[a, b], &[0.5, 0.5])));
+            }
+            before = next;
+        }
+        let unresolved = off.iter().sum::<f64>() > UNRESOLVED * UNRESOLVED * off.len() as f64;
+        refuse(
+            unresolved,
+            Error::Numerical,
+            || "what is prescribed changes faster than states are apart: the solver goes on; expected a snapshotInterval of a tenth of its period",
+        )
     }
 
     /// The times, in strides after the present sample, at which the fit has to [foresee](Self::foresee) what is prescribed, for the state at

@@ -153,7 +153,9 @@ impl Surrogate for DmdSurrogate {
 
     fn predict(&mut self, start: Start, next: &mut Values) -> Result<()> {
         let taken = start.duration / self.description.stride;
-        let prediction = self.later(self.now.offset + self.now.ahead + taken)?;
+        let strides = rounded(self.now.offset + self.now.ahead + taken);
+        self.online.resolves(strides)?;
+        let prediction = self.later(strides)?;
         if let Some(ahead) = start.ahead {
             self.check_prescribed(&prediction, ahead)?;
         }

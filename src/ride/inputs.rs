@@ -21,7 +21,8 @@ impl DmdSurrogate {
     /// The times from now on, s, at which it has to [foresee](Self::foresee) what is prescribed before it predicts the state so much later.
     pub(crate) fn asks(&self, duration: f64) -> Vec<f64> {
         let here = self.strides(0.0);
-        let asked = self.online.asks(self.strides(duration)).into_iter();
+        // What was prescribed before nobody says any more
+        let asked = self.online.asks(self.strides(duration)).into_iter().filter(|s| *s >= here);
         asked.map(|s| (s - here) * self.description.stride).collect()
     }
 
