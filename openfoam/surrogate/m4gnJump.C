@@ -29,8 +29,13 @@ bool atTimes(const timeControl& control)
 dictionary entriesOf(const functionObjects::timeControl& controls)
 {
     dictionary entries(controls.dict());
-    entries.changeKeyword("outputControl", "writeControl", true);
-    entries.changeKeyword("outputInterval", "writeInterval", true);
+    // With it OpenFOAM reads no writeInterval, and without it no outputInterval
+    if (entries.found("outputControl")) {
+        entries.remove("writeControl");
+        entries.remove("writeInterval");
+        entries.changeKeyword("outputControl", "writeControl");
+        entries.changeKeyword("outputInterval", "writeInterval");
+    }
     return entries;
 }
 
