@@ -185,6 +185,8 @@ pub fn estimate(series: &Series, confidence: f64) -> Option<Estimate> {
             mean_steady: true,
             mean_drifts: false,
             transient_end: series.time_at(range.0),
+            surrogate_share: series.mean(range, |r| f64::from(r.surrogate)),
+            periods: None,
             ..found
         },
         None => found,

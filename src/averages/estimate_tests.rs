@@ -86,8 +86,12 @@ fn what_settles_is_known_within_what_is_left() {
 /// A flow comes to rest, but for a slow wave that a solver's tolerance leaves.
 #[test]
 fn what_rests_is_known_by_what_it_ranges_over() {
-    let found = estimated(&of(400, 1.0, |t| 1.0 + 0.01 * (-t / 4.0).exp() + 1e-5 * (t / 30.0 + 1.5).sin()));
+    let rests = of(400, 1.0, |t| 1.0 + 0.01 * (-t / 4.0).exp() + 1e-5 * (t / 30.0 + 1.5).sin());
+    let mut series = Series::default();
+    rests.rows().iter().for_each(|row| assert!(series.push(Row { surrogate: row.time > 200.0, ..*row })));
+    let found = estimated(&series);
     assert!(found.mean_steady && !found.rms_steady, "{found:?}");
+    assert!((found.surrogate_share - 2.0 / 3.0).abs() < 1e-9, "{found:?}");
     assert!((found.mean - 1.0).abs() <= found.half_width && found.half_width < 1e-3, "{found:?}");
     let moves: [fn(f64) -> f64; 3] = [|t| 1.0 + 1e-5 * t, f64::sqrt, |t| 1.0 - (t / 2e3).powi(2)];
     for value in moves {
