@@ -7,7 +7,7 @@ use crate::estimate::{Estimate, Oscillation, constant, extent, oscillation, repe
 const SETTLES: f64 = 0.7;
 /// Share of its whole range within which a record has settled to a value.
 const SETTLED: f64 = 0.01;
-/// Range of a record's last three quarters over that of the part before, up to which it rests.
+/// Range of a later part of a record over that of an earlier one, up to which it rests.
 const RESTS: f64 = 1.1;
 /// Shares of the record, at its end, in which a repeating signal is looked for.
 const ENDS: [f64; 3] = [0.5, 0.35, 0.25];
@@ -46,13 +46,15 @@ pub(crate) fn to_value(series: &Series) -> Option<Estimate> {
 
 /// The end of a record that rests, but for a solver's noise, and how far its mean may be from the true one; none of another.
 ///
-/// What moves on ranges over four times as much in its last three quarters as in the three sixteenths before them, and what slows down as a root over
-/// twice as much. A record that rests does not. Its interval holds ten times what these three quarters range over.
+/// What moves on ranges over twice as much in its last half as in the quarter before, and over four times as much in its last three quarters as in the
+/// three sixteenths before; what slows down as a root, over 1.4 and 2 times as much. A record that rests does not. Its interval holds ten times what the
+/// three quarters range over.
 pub(crate) fn at_rest(series: &Series) -> Option<((f64, f64), f64)> {
     let end = series.duration();
-    let rest = (0.25 * end, end);
-    let (before, last) = (spread(series, (0.0625 * end, rest.0)), spread(series, rest));
-    (before.is_finite() && last <= RESTS * before).then_some((rest, 10.0 * last))
+    let over = |from: f64, to: f64| spread(series, (from * end, to * end));
+    let (start, last) = (over(0.0625, 0.25), over(0.25, 1.0));
+    let rests = start.is_finite() && last <= RESTS * start && over(0.5, 1.0) <= RESTS * over(0.25, 0.5);
+    rests.then_some(((0.25 * end, end), 10.0 * last))
 }
 
 /// The estimate of a record whose end repeats itself, or comes to; none of another.
