@@ -245,6 +245,8 @@ impl Ride<'_> {
         self.quantities.handed_back(strides, self.step.time);
         if jump.done > 0 || !jump.over || !jump.carried_on {
             self.log_jump(&jump, quantities);
+        } else {
+            self.tell_back(jump.surrogate);
         }
         self.phase = Phase::Solving;
         if self.is_controlled() {

@@ -114,6 +114,16 @@ impl Ride<'_> {
         }
     }
 
+    /// A jump that another run made has ended at the time that this one goes on from: what was told of it behind that state is dropped.
+    pub(crate) fn tell_back(&mut self, surrogate: usize) {
+        let jumper = self.candidates[surrogate].describe();
+        let decided = json!({
+            "surrogate": jumper.name, "strides": self.totals.last_jump(), "surrogate_seconds": 0.0, "hand_over_seconds": 0.0,
+            "quantities": {},
+        });
+        self.decisions.tell(&self.step, "handed_back", &decided);
+    }
+
     /// A jump has ended.
     pub(crate) fn log_jump(&mut self, jump: &Jump, quantities: &[(String, f64)]) {
         let digits = self.digits();

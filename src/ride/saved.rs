@@ -267,6 +267,9 @@ impl Ride<'_> {
         let solves = ended || !at.holds;
         self.step = step;
         if solves {
+            if found.begun {
+                self.tell_back(found.jumper);
+            }
             return Ok(self.answer(Action::Solve));
         }
         if found.left < 0 {

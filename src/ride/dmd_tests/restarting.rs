@@ -133,6 +133,26 @@ fn the_rest_of_a_jump_is_taken_though_the_solver_has_made_a_field_anew() {
     assert_eq!(whole.jumps.last(), second.jumps.last());
 }
 
+#[test]
+fn a_run_that_goes_on_from_the_end_of_a_jump_tells_that_it_was_handed_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = Host::ran(&telling(folder.path(), "whole"), 25.0, 1e9);
+    let end = whole.jumps[1].1;
+    let first = stopped(folder.path(), end, "{}");
+    let (mut second, answer) = carried_on(folder.path(), &first, &keeping(folder.path()), "{}");
+    assert_eq!(answer.action, Action::HandBack);
+    let now = second.now();
+    second.with(|ride, state| ride.handed_back(now, Some(state), &[])).unwrap();
+    second.run(1e9, |_| false);
+    let [whole, parts] = ["whole", "decisions.jsonl"].map(|name| decided(&folder.path().join(name)));
+    assert_eq!(whole, parts);
+    // Where its rest is dropped the jump ends as well
+    let first = stopped(folder.path(), TIMES[1], r#"{"scheme": "Euler"}"#);
+    carried_on(folder.path(), &first, &keeping(folder.path()), r#"{"scheme": "backward"}"#);
+    let last = decided(&folder.path().join("decisions.jsonl")).pop().unwrap();
+    assert!((last.0 - first.time).abs() < 1e-9 && last.1 == r#""handed_back""#, "{last:?}");
+}
+
 /// A jump that had no room before the end of a run begins where the run goes on, though the name of that time is rounded.
 #[test]
 fn a_run_goes_on_from_a_time_whose_name_is_rounded() {
