@@ -121,7 +121,8 @@ impl Campaign {
         Ok(Campaign { folder, settings, table, source, files, places })
     }
 
-    /// What has to be there before a run is made: a quantity, and a file of the case that uses each parameter, also one that was added to the table.
+    /// What has to be there before a run is made: a quantity, and a file of the case, or a command of `prepare`, that uses each parameter, also one that
+    /// was added to the table.
     ///
     /// # Errors
     /// As [`Settings::check_quantities`] and [`survey::check_uses`].
@@ -131,7 +132,10 @@ impl Campaign {
         let names = self.table.parameters.iter().cloned().enumerate();
         let all = names.map(|(i, name)| Parameter { name, values: Values::List(values(i)) });
         let all: Vec<Parameter> = all.collect();
-        survey::check_uses(&self.source, &all, &survey::texts(&self.source)?).map(drop)
+        let mut texts = survey::texts(&self.source)?;
+        let commands: Vec<String> = self.settings.prepare.iter().map(|command| command.join(" ")).collect();
+        texts.push((format!("prepare in {}", settings::FILE), commands.join("\n")));
+        survey::check_uses(&self.source, &all, &texts).map(drop)
     }
 
     /// The run of a row.
