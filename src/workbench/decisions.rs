@@ -18,7 +18,9 @@ pub fn read(case: &Path, name: &str) -> Result<Vec<Decision>> {
         return Ok(Vec::new());
     }
     let text = files::read_text(&path).map_err(Error::cannot("read", &path))?;
-    let lines = text.lines().enumerate().map(|(i, line)| match serde_json::from_str::<Value>(line) {
+    // A run that was killed may have left half a line
+    let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
+    let lines = whole.lines().enumerate().map(|(i, line)| match serde_json::from_str::<Value>(line) {
         Ok(decision) if decision["time"].is_number() && decision["event"].is_string() => Ok(decision),
         _ => Err(Error::file(
             &path,
@@ -84,6 +86,8 @@ mod tests {
         assert_eq!(last(&found, "fit").unwrap()["error"], 0.1);
         assert!(last(&found, "end").is_none());
         put("{\"time\":1,\"event\":\"fit\"}\n{\"time\":2,");
+        assert_eq!(read(dir.path(), "test").unwrap().len(), 1, "half a line of a run that was killed");
+        put("{\"time\":1,\"event\":\"fit\"}\n{\"time\":2,\n");
         assert!(read(dir.path(), "test").unwrap_err().to_string().contains("line 2: expected"));
     }
 }

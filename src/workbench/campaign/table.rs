@@ -56,11 +56,13 @@ impl Table {
         let parameters: Vec<String> = columns.map(String::from).collect();
         check_names(&parameters)?;
         let (mut rows, mut names): (Vec<Row>, HashSet<String>) = (Vec::new(), HashSet::new());
-        let mut record = csv::StringRecord::new();
+        let (mut record, mut line, mut counted) = (csv::StringRecord::new(), 1, 0);
         while reader.read_record(&mut record).map_err(|e| e.to_string())? {
             // csv's own count is of where it began to look: before blank lines and comments, and the end of a line in two characters
             let end = (reader.position().byte() as usize).min(text.len());
-            let line = 1 + text.as_bytes()[..end].trim_ascii_end().iter().filter(|b| **b == b'\n').count();
+            let more = text.as_bytes()[counted..end].trim_ascii_end();
+            line += more.iter().filter(|b| **b == b'\n').count();
+            counted += more.len();
             let name = record[0].to_string();
             if !is_name(&name) {
                 return Err(format!(
