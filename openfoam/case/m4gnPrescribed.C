@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 #include "m4gnPrescribed.H"
+#include "m4gnFatalError.H"
 #include "fixedValueFvPatchFields.H"
 #include "pointFields.H"
 #include "StringStream.H"
@@ -132,16 +133,8 @@ template <class Type> void Foam::m4gnPrescribed::say(const label i, const scalar
             faceValues = copy();
         };
         // A table (outOfBounds error) need not go on behind the end of the run
-        const bool thrown = FatalError.throwExceptions(), thrownIO = FatalIOError.throwExceptions();
-        bool ends = false;
-        try {
-            evaluate(now + later);
-        } catch (const Foam::error&) {
-            ends = true;
-        }
-        FatalError.throwExceptions(thrown);
-        FatalIOError.throwExceptions(thrownIO);
-        if (ends) {
+        string why;
+        if (m4gn::fails([&]() { evaluate(now + later); }, why)) {
             evaluate(min(now + later, time.endTime().value()));
         }
         if (sum) {

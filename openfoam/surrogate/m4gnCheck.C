@@ -2,6 +2,7 @@
 
 #include "m4gnCheck.H"
 #include "m4gnDictionary.H"
+#include "m4gnFatalError.H"
 #include "m4gnFieldFiles.H"
 #include "m4gnNodeTypes.H"
 #include "m4gnHybridRun.H"
@@ -88,16 +89,9 @@ void Foam::m4gnCheck::setInterval(dictionary& dict) const
 void Foam::m4gnCheck::reportTypes()
 {
     dictionary patches;
-    string why;
     labelList types(mesh_.boundary().size(), -1);
-    const bool thrown = FatalError.throwExceptions(), thrownIO = FatalIOError.throwExceptions();
-    try {
-        types = m4gnNodeTypes(mesh_, dict_).types();
-    } catch (const Foam::error& error) {
-        why = error.message();
-    }
-    FatalError.throwExceptions(thrown);
-    FatalIOError.throwExceptions(thrownIO);
+    string why;
+    m4gn::fails([&]() { types = m4gnNodeTypes(mesh_, dict_).types(); }, why);
     for (label patchi = 0; patchi < mesh_.boundaryMesh().nNonProcessor(); ++patchi) {
         dictionary patch;
         patch.set("type", mesh_.boundary()[patchi].type());
