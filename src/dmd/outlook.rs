@@ -119,8 +119,7 @@ impl OnlineDmd {
             }
             Model::Driven(driven) => {
                 let prescribed = prescribed(&self.snapshots, &fit.variation);
-                let input = |n: i64| self.prescribed_row(n as f64, &slots, &prescribed);
-                let inputs = numbers.map(|n| Some(driven.input(&input(n)?)));
+                let inputs = numbers.map(|n| self.input(driven, &slots, &prescribed, n as f64));
                 let inputs = inputs.collect::<Option<Vec<Vec<f64>>>>()?;
                 let rests = rows.iter().zip(&inputs).map(|(row, v)| driven.rest(row, v)).collect();
                 Course::Driven { driven: driven.clone(), from, rests, inputs, prescribed }
@@ -151,8 +150,7 @@ impl OnlineDmd {
                 (driven, *from, rests, inputs, prescribed)
             }
         };
-        let row = |position: f64| self.prescribed_row(position, &outlook.slots, prescribed);
-        let input = |position: f64| Some(driven.input(&row(position)?));
+        let input = |position: f64| self.input(driven, &outlook.slots, prescribed, position);
         let mut inputs = inputs.clone();
         let (last, interpolated) = last(strides);
         for n in 1..=last {
@@ -192,8 +190,7 @@ impl OnlineDmd {
         let (Some(fit), Some(from)) = (&self.state.fit, self.state.present) else { return Ok(()) };
         let Model::Driven(driven) = &fit.model else { return Ok(()) };
         let variation = prescribed(&self.snapshots, &fit.variation);
-        let row = |position: f64| self.prescribed_row(position, &fit.slots, &variation);
-        let input = |position: f64| Some(driven.input(&row(position)?));
+        let input = |position: f64| self.input(driven, &fit.slots, &variation, position);
         let mut off = Vec::new();
         let mut before = input(from as f64);
         for n in 1..=last(strides).0 {
@@ -274,6 +271,11 @@ impl OnlineDmd {
             row.iter_mut().zip(slots).for_each(|(p, slot)| *p += products[*slot] / v);
         }
         Some(row)
+    }
+
+    /// The inputs there, as [`prescribed_row`](Self::prescribed_row).
+    fn input(&self, driven: &Driven, slots: &[usize], variation: &[f64], position: f64) -> Option<Vec<f64>> {
+        Some(driven.input(&self.prescribed_row(position, slots, variation)?))
     }
 
     /// The run goes on from the prediction `strides` after the present one, which is that of `time`, and the next step is one of `delta_t`.
