@@ -246,7 +246,7 @@ impl Ride<'_> {
         if jump.done > 0 || !jump.over || !jump.carried_on {
             self.log_jump(&jump, quantities);
         } else {
-            self.tell_back(jump.surrogate);
+            self.tell_back_at_restart(jump.surrogate);
         }
         self.phase = Phase::Solving;
         if self.is_controlled() {

@@ -114,14 +114,26 @@ impl Ride<'_> {
         }
     }
 
-    /// A jump that another run made has ended at the time that this one goes on from: what was told of it behind that state is dropped.
-    pub(crate) fn tell_back(&mut self, surrogate: usize) {
-        let jumper = self.candidates[surrogate].describe();
+    /// A jump has ended, for the decisions: its strides, the seconds of the surrogate and of handing over, and results of other function objects.
+    fn tell_back(
+        &mut self,
+        surrogate: usize,
+        strides: usize,
+        seconds: [f64; 2],
+        quantities: &[(String, f64)],
+    ) {
+        let quantities: Map<String, Value> =
+            quantities.iter().map(|(name, v)| (name.clone(), json!(v))).collect();
         let decided = json!({
-            "surrogate": jumper.name, "strides": self.totals.last_jump(), "surrogate_seconds": 0.0, "hand_over_seconds": 0.0,
-            "quantities": {},
+            "surrogate": self.candidates[surrogate].describe().name, "strides": strides, "surrogate_seconds": seconds[0],
+            "hand_over_seconds": seconds[1], "quantities": quantities,
         });
         self.decisions.tell(&self.step, "handed_back", &decided);
+    }
+
+    /// A jump that another run made has ended at the time that this one goes on from: what was told of it behind that state is dropped.
+    pub(crate) fn tell_back_at_restart(&mut self, surrogate: usize) {
+        self.tell_back(surrogate, self.totals.last_jump(), [0.0; 2], &[]);
     }
 
     /// A jump has ended.
@@ -154,13 +166,6 @@ impl Ride<'_> {
             );
         }
         self.log.text += &(line + "\n\n");
-        let results: Map<String, Value> =
-            quantities.iter().map(|(name, v)| (name.clone(), json!(v))).collect();
-        let decided = json!({
-            "surrogate": jumper.name, "strides": jump.done, "surrogate_seconds": surrogate, "hand_over_seconds": hand_over,
-            "quantities": results,
-        });
-        self.decisions.tell(&self.step, "handed_back", &decided);
         if self.log.jumps_head.is_empty() && self.totals.rows == 0 {
             let mut names: Vec<String> =
                 ["Time", "steps", "surrogate(s)", "handOver(s)"].map(String::from).into();
@@ -195,5 +200,6 @@ impl Ride<'_> {
             columns.extend(jump.expected.unwrap_or([f64::NAN; 2]).map(|v| digits.of(v)));
         }
         self.log.jumps += &row(&columns);
+        self.tell_back(jump.surrogate, jump.done, [surrogate, hand_over], quantities);
     }
 }

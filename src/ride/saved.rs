@@ -268,7 +268,7 @@ impl Ride<'_> {
         self.step = step;
         if solves {
             if found.begun {
-                self.tell_back(found.jumper);
+                self.tell_back_at_restart(found.jumper);
             }
             return Ok(self.answer(Action::Solve));
         }
