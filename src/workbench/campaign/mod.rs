@@ -129,9 +129,9 @@ impl Campaign {
     fn check(&self) -> Result<()> {
         self.settings.check_quantities(&self.folder)?;
         let values = |i: usize| self.table.rows.iter().map(|row| row.values[i].clone()).collect();
-        let names = self.table.parameters.iter().cloned().enumerate();
-        let all = names.map(|(i, name)| Parameter { name, values: Values::List(values(i)) });
-        let all: Vec<Parameter> = all.collect();
+        let parameter =
+            |(i, name): (usize, &String)| Parameter { name: name.clone(), values: Values::List(values(i)) };
+        let all: Vec<Parameter> = self.table.parameters.iter().enumerate().map(parameter).collect();
         let mut texts = survey::texts(&self.source)?;
         let commands: Vec<String> = self.settings.prepare.iter().map(|command| command.join(" ")).collect();
         texts.push((format!("prepare in {}", settings::FILE), commands.join("\n")));
