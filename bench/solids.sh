@@ -22,12 +22,12 @@ done
 cd "$folder"
 echo 'dmd { snapshotInterval 0.06; }' > dmd
 
-# hybrid PART OPTIONS...: 'm4gn hybrid' of this row, in its folder PART
+# hybrid PART NAME OPTIONS...: 'm4gn hybrid' of this row, in its folder PART; what it found is in NAME.json
 hybrid() {
-    local part=$row/$1
-    shift
+    local part=$row/$1 name=$row/$2
+    shift 2
     m4gn hybrid --family "$family" --set "along=$along" --set "across=$across" --set "step=$step" --count "$count" --seed 4321 --end "$end" \
-        --out "$part" --json "$part.json" "$@" > "$part.log" 2>&1 < /dev/null || warn "not all runs ended: $folder/$part.log"
+        --out "$part" --json "$name.json" "$@" > "$name.log" 2>&1 < /dev/null || warn "not all runs ended: $folder/$name.log"
 }
 
 # Each equation has its own tightly solved run: the branch's differs from that of 2.2 by its stabilisation, and so does the solution on a mesh.
@@ -41,16 +41,16 @@ while read -r family along across step end count fit; do
         unset SOLIDS4FOAM_DIR SOLIDS4FOAM_LIB_DIR
         solids4foam_environment || die "there is no solids4foam in $newton" "setup/solids4foam.sh builds it of its branch feature-petsc-snes."
         if [ -n "$fit" ]; then
-            hybrid newton --set algorithm=newton-krylov --set tolerance=1e-2 --variant "dmd-newton=$fit,tolerance=1e-3" --baseline none
+            hybrid newton newton --set algorithm=newton-krylov --set tolerance=1e-2 --variant "dmd-newton=$fit,tolerance=1e-3" --baseline none
         else
-            hybrid newton --set algorithm=newton-krylov --set tolerance=1e-8 --variant dmd-newton=dmd,anderson=off,tolerance=1e-4 \
+            hybrid newton newton --set algorithm=newton-krylov --set tolerance=1e-8 --variant dmd-newton=dmd,anderson=off,tolerance=1e-4 \
                 --baseline newton-2=tolerance=1e-2 --baseline newton-4=tolerance=1e-4
         fi
     )
     if [ -z "$fit" ]; then
-        hybrid plain --variant dmd=dmd --baseline anderson-6=anderson=on --baseline anderson-4=anderson=on,tolerance=1e-4 --keep-cases
+        hybrid plain plain --variant dmd=dmd --baseline anderson-6=anderson=on --baseline anderson-4=anderson=on,tolerance=1e-4 --keep-cases
         model=$M4GN_HOME/models/$family.safetensors
-        [ ! -e "$model" ] || hybrid plain --model "$model" --baseline none --json "$row/network.json"
+        [ ! -e "$model" ] || hybrid plain network --model "$model" --baseline none
     fi
     python3 "$M4GN_HOME/bench/solids.py" "$row"
 done <<'EOD'
