@@ -20,6 +20,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
+#include <numeric>
 
 namespace
 {
@@ -104,7 +105,6 @@ struct Solver
 {
     const Channel& mesh;
     double time = 0;
-    int64_t index = 0;
     std::vector<double> U, UBoundary, p, pBoundary, held;
 
     explicit Solver(const Channel& m)
@@ -147,14 +147,13 @@ struct Solver
             const double spread = diffusivity * (west + east + south + north - 4 * here) / (h * h);
             p[c] += dt * (spread - U[3 * c] * (here - west) / h);
         }
-        advance(dt, 1);
+        advance(dt);
     }
 
     // p is that of a later time.
-    void advance(double by, int64_t steps)
+    void advance(double by)
     {
         time += by;
-        index += steps;
         complete();
     }
 };
@@ -195,7 +194,6 @@ public:
     {
         std::ifstream file(path_ + ".fields", std::ios::binary);
         if (!file.read(reinterpret_cast<char*>(&solver_.time), sizeof(double))
-                 .read(reinterpret_cast<char*>(&solver_.index), sizeof(int64_t))
                  .read(reinterpret_cast<char*>(solver_.p.data()), nCells * sizeof(double)))
         {
             throw std::runtime_error("cannot read " + path_ + ".fields");
@@ -212,13 +210,10 @@ public:
         }
         const std::string summary = ride_->text(M4GN_RIDE_SUMMARY);
         listen();
-        double sum = 0;
-        for (const double value : solver_.p) {
-            sum += value * value;
-        }
+        const double sum = std::inner_product(solver_.p.begin(), solver_.p.end(), solver_.p.begin(), 0.0);
         std::printf(
-            "%send: time %.6f, steps %lld, sum of squares %.17g\n", summary.c_str(), solver_.time,
-            static_cast<long long>(solver_.index), sum);
+            "%send: time %.6f, steps %ld, sum of squares %.17g\n", summary.c_str(), solver_.time, steps(),
+            sum);
         if (saveAt_ >= 0) {
             throw std::runtime_error("no state was written: no step of the solver and no stride ended at AT");
         }
@@ -232,10 +227,9 @@ private:
     std::unique_ptr<m4gn::Session> session_;
     std::unique_ptr<m4gn::Ride> ride_;
 
-    m4gn_ride_step now() const
-    {
-        return {solver_.time, dt, end_, solver_.time, solver_.index, nullptr, -1, -1, 0};
-    }
+    long steps() const { return std::lround(solver_.time / dt); }
+
+    m4gn_ride_step now() const { return {solver_.time, dt, end_, solver_.time, steps(), nullptr, -1, -1, 0}; }
 
     void save()
     {
@@ -243,7 +237,6 @@ private:
             ride_->save(path_);
             std::ofstream file(path_ + ".fields", std::ios::binary);
             if (!file.write(reinterpret_cast<const char*>(&solver_.time), sizeof(double))
-                     .write(reinterpret_cast<const char*>(&solver_.index), sizeof(int64_t))
                      .write(reinterpret_cast<const char*>(solver_.p.data()), nCells * sizeof(double))
                      .flush())
             {
@@ -271,7 +264,7 @@ private:
             if (answer.action == M4GN_RIDE_STRIDE) {
                 answer = ride_->stride();
             } else if (answer.action == M4GN_RIDE_ADVANCE) {
-                solver_.advance(answer.duration, answer.solver_steps);
+                solver_.advance(answer.duration);
                 answer = ride_->advanced(now());
                 save();
             } else {
@@ -291,11 +284,10 @@ int main(int argc, char** argv)
         return 2;
     }
     try {
-        const bool resumes = argc == 7;
         Host host(
             argv[1], argv[2], std::atof(argv[3]), argc > 4 ? argv[4] : "",
-            argc > 4 && !resumes ? std::atof(argv[5]) : -1);
-        if (resumes) {
+            argc == 6 ? std::atof(argv[5]) : -1);
+        if (argc == 7) {
             host.resume();
         }
         host.run();
