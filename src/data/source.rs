@@ -173,9 +173,8 @@ impl<'a> Source<'a> {
             found.len() == shape.len() && found.iter().zip(shape).all(|(f, s)| s.is_none_or(|s| s == *f));
         let size = found.iter().try_fold(size_of::<T>(), |a, &n| a.checked_mul(n));
         if !fits || size.is_none_or(|s| s as u64 > self.bytes) {
-            return Err(
-                self.damaged(format!("dataset /{name} has shape {found:?}, expected {}", shown(shape)))
-            );
+            return Err(self
+                .damaged(format!("dataset /{name} has shape {found:?}, expected {}", display_shape(shape))));
         }
         dataset.read_raw().map_err(|e| self.damaged(format!("dataset /{name} cannot be read ({e})")))
     }
@@ -276,7 +275,7 @@ impl<'a> Source<'a> {
     }
 }
 
-fn shown(shape: &[Option<usize>]) -> String {
+fn display_shape(shape: &[Option<usize>]) -> String {
     let parts: Vec<_> = shape.iter().map(|s| s.map_or("any".to_string(), |n| n.to_string())).collect();
     format!("[{}]", parts.join(", "))
 }

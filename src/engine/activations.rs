@@ -1,6 +1,6 @@
 //! What stands between linear layers: in buffers that are used again, or kept for derivatives.
 
-use super::kernels::{Addend, Buffer, Function, Kept, Number, Output, narrow, silu_keep};
+use super::kernels::{Addend, Buffer, Function, Number, Output, Saved, narrow, silu_keep};
 use super::tiles::numbers;
 use super::weights::Dense;
 use std::ops::Range;
@@ -35,10 +35,10 @@ impl<T: Number> Activated<T> {
     }
 
     /// As [`activation_backward`](super::kernels::activation_backward) reads these numbers.
-    pub fn kept(&self, range: Range<usize>) -> Kept<'_, T> {
+    pub fn saved(&self, range: Range<usize>) -> Saved<'_, T> {
         match &self.slope {
-            Some(slope) => Kept::Slope(&slope[range]),
-            None => Kept::Value(&self.value[range]),
+            Some(slope) => Saved::Slope(&slope[range]),
+            None => Saved::Value(&self.value[range]),
         }
     }
 }

@@ -45,7 +45,7 @@ pub fn together(sequence: &Sequence, place: &[u32]) -> Vec<Together> {
 
 /// What reading leaves, a row a step and segment; derivatives are made of it.
 #[derive(Default)]
-pub struct Kept {
+pub struct ReadStates {
     /// Latents of the nodes.
     pub x: Buffer<f32>,
     /// States before a step.
@@ -58,7 +58,7 @@ pub struct Kept {
     pub state: Buffer<f32>,
 }
 
-impl Kept {
+impl ReadStates {
     fn fit(&mut self, rows: usize, segments: usize, columns: usize, stride: usize) {
         self.x.fit(rows * columns);
         self.before.fit(rows * columns);
@@ -93,7 +93,7 @@ impl Recurrence {
     }
 
     /// Reads nodes whose latents are rows of `nodes`, up to the last states in `kept`.
-    pub fn read(&self, segments: &Together, kept: &mut Kept, nodes: &[f32]) {
+    pub fn read(&self, segments: &Together, kept: &mut ReadStates, nodes: &[f32]) {
         let (d, columns, stride) = (self.d, self.columns, self.stride());
         kept.fit(segments.node.len(), segments.segments.len(), columns, stride);
         for (x, &node) in kept.x.chunks_exact_mut(columns).zip(&segments.node) {

@@ -7,7 +7,7 @@ use super::encoder_decoder::Encoder;
 use super::kernels::{Addend, Buffer, Function, Normed, Output, padded};
 use super::perceptron::Perceptron;
 use super::pool::{Parts, Pool};
-use super::recurrence::{Kept, Recurrence, Together, together};
+use super::recurrence::{ReadStates, Recurrence, Together, together};
 use super::tiles::{block, blocks};
 use super::transformer::{self, TransformerLayer};
 use super::weights::{Dense, Vector, Weights};
@@ -50,7 +50,7 @@ pub struct SegmentStage {
 /// A recurrent unit, and the nodes that this rank reads with it.
 struct Reader {
     unit: Recurrence,
-    parts: Vec<(Together, Kept)>,
+    parts: Vec<(Together, ReadStates)>,
     halo: Halo,
     /// Latents of the owned nodes, and of those that the halo brings.
     nodes: Buffer<f32>,
@@ -129,7 +129,7 @@ impl SegmentStage {
             Some(sequence) => {
                 let mut places = vec![0; node.len()];
                 (0..).zip(node).for_each(|(p, &i)| places[i as usize] = p);
-                let parts = together(sequence, &places).into_iter().map(|t| (t, Kept::default()));
+                let parts = together(sequence, &places).into_iter().map(|t| (t, ReadStates::default()));
                 Some(Reader {
                     unit: Recurrence::new(weights, d)?,
                     parts: parts.collect(),

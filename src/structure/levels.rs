@@ -200,7 +200,7 @@ impl Whole {
     }
 
     /// Which nodes the next graph has.
-    fn kept(&self) -> Vec<bool> {
+    fn selected(&self) -> Vec<bool> {
         let n = self.near.len();
         let (mut seen, mut distance, mut kept) = (vec![None; n], vec![None; n], vec![false; n]);
         for start in 0..n {
@@ -219,7 +219,7 @@ impl Whole {
 
     /// The next coarser graph.
     fn pool(&self) -> Pooled {
-        let kept = self.kept();
+        let kept = self.selected();
         let old: Vec<usize> = (0..kept.len()).filter(|&i| kept[i]).collect();
         let mut number = vec![None; kept.len()];
         old.iter().enumerate().for_each(|(new, &i)| number[i] = Some(new));

@@ -100,7 +100,7 @@ mod tests {
     use std::path::PathBuf;
 
     /// What is told of a training trajectory after `change`, with so much noise on U.
-    fn told(noise: f64, change: impl Fn(&mut Sample)) -> Vec<String> {
+    fn warnings(noise: f64, change: impl Fn(&mut Sample)) -> Vec<String> {
         let folder = folder();
         let spec = m4gn_samples::model::spec();
         let trajectory = m4gn_data::Trajectory::open(folder.path().join("data/000.h5")).unwrap();
@@ -115,12 +115,12 @@ mod tests {
 
     #[test]
     fn noise_that_dwarfs_a_field_is_told() {
-        assert_eq!(told(1e-3, |_| ()), Vec::<String>::new());
-        let said = told(10.0, |_| ());
-        assert!(said.len() == 1 && said[0].contains("training.noise.U = 10 m/s"), "{said:?}");
+        assert_eq!(warnings(1e-3, |_| ()), Vec::<String>::new());
+        let found = warnings(10.0, |_| ());
+        assert!(found.len() == 1 && found[0].contains("training.noise.U = 10 m/s"), "{found:?}");
         let small = |sample: &mut Sample| sample.frames.iter_mut().for_each(|x| *x *= 1e-4);
-        let said = told(1e-3, small);
-        assert!(said.len() == 1 && said[0].contains("training.noise.U = 0.001 m/s"), "{said:?}");
+        let found = warnings(1e-3, small);
+        assert!(found.len() == 1 && found[0].contains("training.noise.U = 0.001 m/s"), "{found:?}");
     }
 
     #[test]
@@ -129,9 +129,12 @@ mod tests {
             let first = sample.frame(0).unwrap().into_owned();
             sample.frames = first.repeat(sample.n_frames);
         };
-        let said = told(1e-3, still);
-        assert_eq!(said.len(), 2, "{said:?}");
-        assert!(said[0].contains("U does not change") && said[1].contains("p does not change"), "{said:?}");
+        let found = warnings(1e-3, still);
+        assert_eq!(found.len(), 2, "{found:?}");
+        assert!(
+            found[0].contains("U does not change") && found[1].contains("p does not change"),
+            "{found:?}"
+        );
     }
 
     #[test]

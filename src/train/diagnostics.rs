@@ -147,7 +147,7 @@ mod tests {
     }
 
     /// All that is told, row by row, with the number of the row.
-    fn told(rows: &[Row], t: &TrainingConfig) -> Vec<(usize, String)> {
+    fn advice_by_row(rows: &[Row], t: &TrainingConfig) -> Vec<(usize, String)> {
         let mut advice = Advice::default();
         let each = (1..=rows.len()).flat_map(|n| {
             let new = advice.look(&rows[..n], t);
@@ -161,31 +161,31 @@ mod tests {
         // Ten rows of 1, then 10 each: the mean is 1 + 0.9 n after n of them, above 3 from the third.
         let loss = |i: u64| if i < 11 { 1.0 } else { 10.0 };
         let rows: Vec<Row> = (1..40).map(|i| row(100 * i, loss(i - 1), 0.1, None)).collect();
-        let said = told(&rows, &settings());
-        assert_eq!(said.len(), 1, "{said:?}");
-        assert_eq!(said[0].0, 14);
-        assert!(said[0].1.contains("from 1.00 at step 1100 to 3.70"), "{said:?}");
-        assert!(said[0].1.contains("lower learning_rate, and"), "{said:?}");
+        let advice = advice_by_row(&rows, &settings());
+        assert_eq!(advice.len(), 1, "{advice:?}");
+        assert_eq!(advice[0].0, 14);
+        assert!(advice[0].1.contains("from 1.00 at step 1100 to 3.70"), "{advice:?}");
+        assert!(advice[0].1.contains("lower learning_rate, and"), "{advice:?}");
         // What grows since more steps are unrolled, or while the normalisers change, is none.
         let rows: Vec<Row> =
             (40..62).map(|i| row(100 * i, if i > 50 { 10.0 } else { 1.0 }, 0.1, None)).collect();
-        assert_eq!(told(&rows, &settings()), []);
+        assert_eq!(advice_by_row(&rows, &settings()), []);
         let late = TrainingConfig { normaliser_steps: 5000, unroll: vec![[0, 1]], ..settings() };
-        assert_eq!(told(&rows, &late), []);
+        assert_eq!(advice_by_row(&rows, &late), []);
         let free = TrainingConfig { unroll: vec![[0, 1]], gradient_clip: 0.0, ..settings() };
-        assert!(told(&rows, &free)[0].1.contains("or set gradient_clip"));
+        assert!(advice_by_row(&rows, &free)[0].1.contains("or set gradient_clip"));
     }
 
     #[test]
     fn gradients_far_beyond_their_limit_are_told_once() {
         let rows: Vec<Row> = (1..20).map(|i| row(100 * i, 1.0, 11.0, None)).collect();
-        let said = told(&rows, &settings());
-        assert_eq!((said.len(), said[0].0), (1, 11), "{said:?}");
-        assert!(said[0].1.contains("is 11.0") && said[0].1.contains("gradient_clip 1:"), "{said:?}");
+        let advice = advice_by_row(&rows, &settings());
+        assert_eq!((advice.len(), advice[0].0), (1, 11), "{advice:?}");
+        assert!(advice[0].1.contains("is 11.0") && advice[0].1.contains("gradient_clip 1:"), "{advice:?}");
         let calm: Vec<Row> = (1..20).map(|i| row(100 * i, 1.0, 9.0, None)).collect();
-        assert_eq!(told(&calm, &settings()), []);
+        assert_eq!(advice_by_row(&calm, &settings()), []);
         let free = TrainingConfig { gradient_clip: 0.0, ..settings() };
-        assert_eq!(told(&rows, &free), []);
+        assert_eq!(advice_by_row(&rows, &free), []);
     }
 
     #[test]
@@ -195,11 +195,11 @@ mod tests {
             let rows = scores.iter().zip(steps).map(|(score, step)| row(step, 1.0, 0.1, Some(*score)));
             rows.collect()
         };
-        let said = told(&scores(&[0.9, 0.5, 0.6, 0.6, 0.6, 0.7, f64::INFINITY, 0.8]), &settings());
-        assert_eq!((said.len(), said[0].0), (1, 7), "{said:?}");
-        assert!(said[0].1.contains("that of step 200"), "{said:?}");
+        let advice = advice_by_row(&scores(&[0.9, 0.5, 0.6, 0.6, 0.6, 0.7, f64::INFINITY, 0.8]), &settings());
+        assert_eq!((advice.len(), advice[0].0), (1, 7), "{advice:?}");
+        assert!(advice[0].1.contains("that of step 200"), "{advice:?}");
         // One of five is as good.
-        assert_eq!(told(&scores(&[0.5, 0.6, 0.6, 0.54, 0.6, 0.6]), &settings()), []);
+        assert_eq!(advice_by_row(&scores(&[0.5, 0.6, 0.6, 0.54, 0.6, 0.6]), &settings()), []);
     }
 
     #[test]

@@ -40,7 +40,7 @@ impl Validation {
     }
 
     /// The three errors by name: of the model and of the frame that is held, and what holding it is called.
-    fn told(&self, part: impl Fn(f64, f64, &str) -> String) -> String {
+    fn described(&self, part: impl Fn(f64, f64, &str) -> String) -> String {
         let all = [
             ("RMSE-1", self.rmse_1, "persistence"),
             ("RMSE-50", self.rmse_horizon, "hold first"),
@@ -54,12 +54,12 @@ impl Validation {
 
     /// The errors, each with its percentage of holding a frame: `RMSE-1 0.001234 (12.3 % of persistence), ...`.
     pub fn relative(&self) -> String {
-        self.told(|model, held, whose| format!("{} of {whose}", percent(Some(model / held))))
+        self.described(|model, held, whose| format!("{} of {whose}", percent(Some(model / held))))
     }
 
     /// The errors, each with that of holding a frame: `RMSE-1 0.001234 (0.01002 persistence), ...`.
     pub fn absolute(&self) -> String {
-        self.told(|_, held, whose| format!("{} {whose}", number(held, 4)))
+        self.described(|_, held, whose| format!("{} {whose}", number(held, 4)))
     }
 
     /// What is compared to find the best weights, and for advice: the geometric mean of the errors of rollouts relative to holding the

@@ -42,7 +42,7 @@ impl TransformerLayer {
             );
             self.second.weight.back(dy, n, &mut work.wide);
             let bias = gradients.block(self.first.bias.slot);
-            let kept = tape.hidden.kept(inner);
+            let kept = tape.hidden.saved(inner);
             activation_backward(isa, kept, (n, wide), &mut work.wide, &mut work.narrow, bias);
             let from = (&tape.norm2.out[range.clone()], columns);
             self.first.weight.learn((&work.narrow, wide), from, n, gradients, &mut work.pairs);

@@ -69,7 +69,7 @@ impl<T: Number> Processor<T> for BiStride<T> {
         }
     }
 
-    fn kept(tape: &BiStrideTape<T>) -> usize {
+    fn tape_bytes(tape: &BiStrideTape<T>) -> usize {
         let layers: usize = tape.layers.iter().map(|l| l.bytes()).sum();
         layers + tape.rows.iter().map(|r| r.bytes()).sum::<usize>() + tape.risen.bytes()
     }

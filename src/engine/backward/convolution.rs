@@ -62,7 +62,7 @@ impl<T: Number> Processor<T> for Convolutions<T> {
         }
     }
 
-    fn kept(tape: &ConvolutionsTape<T>) -> usize {
+    fn tape_bytes(tape: &ConvolutionsTape<T>) -> usize {
         let rows = |l: &Layer<T>| l.sums.bytes() + l.value.bytes();
         tape.scaled.bytes() + tape.layers.iter().map(rows).sum::<usize>()
     }
@@ -115,7 +115,7 @@ impl<T: Number> Processor<T> for Convolutions<T> {
                 let d = &mut work.d_nodes[own.clone()];
                 let dy = &mut rows_at_a_time.narrow[..n * columns];
                 let sum = gradients.block(layer.bias.slot);
-                activation_backward(isa, kept.value.kept(own.clone()), (n, columns), d, dy, sum);
+                activation_backward(isa, kept.value.saved(own.clone()), (n, columns), d, dy, sum);
                 let (dy, x) = ((&*dy, columns), (&kept.sums[own.clone()], columns));
                 layer.weight.learn(dy, x, n, gradients, &mut rows_at_a_time.pairs);
                 layer.weight.back(dy, n, d);

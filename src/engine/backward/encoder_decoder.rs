@@ -115,7 +115,7 @@ impl<T: Number> Decoder<T> {
             last.back((dy, stride), n, wide);
             let bias = self.inner.last().map_or(&self.first_bias, |layer| &layer.bias);
             let sum = gradients.block(bias.slot);
-            activation_backward(isa, tape.last.kept(range.clone()), (n, columns), wide, dy, sum);
+            activation_backward(isa, tape.last.saved(range.clone()), (n, columns), wide, dy, sum);
             s.work.wide[..n * columns].copy_from_slice(&fp32.wide[..n * columns]);
             narrow(isa, &fp32.wide[..n * columns], &mut s.work.narrow[..n * columns]);
             let layers = (&self.inner[..], &tape.values[..]);

@@ -68,7 +68,7 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
         }
     }
 
-    fn kept(tape: &GraphUNetTape<T>) -> usize {
+    fn tape_bytes(tape: &GraphUNetTape<T>) -> usize {
         let layers: usize = tape.layers.iter().map(|l| l.bytes()).sum();
         let below = tape
             .below

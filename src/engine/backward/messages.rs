@@ -93,7 +93,7 @@ impl<T: Number> Processor<T> for Messages<T> {
         }
     }
 
-    fn kept(tape: &MessagesTape<T>) -> usize {
+    fn tape_bytes(tape: &MessagesTape<T>) -> usize {
         let layers: usize = tape.layers.iter().map(|l| l.bytes()).sum();
         layers + tape.edges.bytes() + tape.dispatched.bytes()
     }

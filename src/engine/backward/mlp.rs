@@ -68,6 +68,6 @@ pub fn layers_backward<T: Number>(
         layer.weight.back((narrow, columns), n, wide);
         let bias = i.checked_sub(1).map_or(first_bias, |i| &layers[i].bias);
         let sum = gradients.block(bias.slot);
-        activation_backward(isa, value.kept(range.clone()), (n, columns), wide, narrow, sum);
+        activation_backward(isa, value.saved(range.clone()), (n, columns), wide, narrow, sum);
     }
 }

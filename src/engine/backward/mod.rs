@@ -122,7 +122,7 @@ pub trait Trainable: Send + Sync {
     fn flush(&self, worker: &mut Worker, flat: &mut [f32]);
 
     /// Bytes of the worker's largest tape.
-    fn kept(&self, worker: &mut Worker) -> usize;
+    fn tape_bytes(&self, worker: &mut Worker) -> usize;
 }
 
 /// The network of a model's shape, with all weights zero until [`Trainable::load`].

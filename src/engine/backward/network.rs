@@ -252,10 +252,10 @@ impl<T: Number, P: Processor<T>> Trainable for Network<T, P> {
         }
     }
 
-    fn kept(&self, worker: &mut Worker) -> usize {
+    fn tape_bytes(&self, worker: &mut Worker) -> usize {
         let tapes = self.of(worker).tapes.iter();
-        let bytes =
-            tapes.map(|t| P::kept(&t.processor) + t.nodes.bytes() + t.position.bytes() + t.decoder.bytes());
+        let bytes = tapes
+            .map(|t| P::tape_bytes(&t.processor) + t.nodes.bytes() + t.position.bytes() + t.decoder.bytes());
         bytes.max().unwrap_or(0)
     }
 }

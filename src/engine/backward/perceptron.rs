@@ -31,7 +31,7 @@ impl Perceptron {
             if let Some(before) = i.checked_sub(1) {
                 layer.weight.back((&*narrow, stride), n, wide);
                 let bias = gradients.block(self.layers[before].bias.slot);
-                let kept = tape.values[before].kept(range);
+                let kept = tape.values[before].saved(range);
                 activation_backward(self.isa, kept, (n, columns), wide, narrow, bias);
                 stride = columns;
             }

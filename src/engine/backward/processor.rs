@@ -23,7 +23,7 @@ pub trait Processor<T: Number>: Send + Sync + Sized + 'static {
     fn tape(&self) -> Self::Tape;
 
     /// Bytes of what is kept.
-    fn kept(tape: &Self::Tape) -> usize;
+    fn tape_bytes(tape: &Self::Tape) -> usize;
 
     /// h_S of the last forward pass, rows of the padded width; none without a macro stage.
     fn segments(_: &Self::Tape) -> Option<&[f32]> {

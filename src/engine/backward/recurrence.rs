@@ -3,13 +3,13 @@
 use super::attention::{add, add_rows};
 use super::mlp::Work;
 use crate::kernels::Buffer;
-use crate::recurrence::{Kept, Recurrence, Together};
+use crate::recurrence::{ReadStates, Recurrence, Together};
 use crate::weights::Gradients;
 
 /// What it keeps, for each group of segments, and derivatives by the sums of the gates.
 #[derive(Default)]
 pub struct RecurrenceTape {
-    kept: Vec<Kept>,
+    kept: Vec<ReadStates>,
     d_input: Buffer<f32>,
     d_hidden: Buffer<f32>,
     d_state: Buffer<f32>,
@@ -20,7 +20,7 @@ impl Recurrence {
     /// The last state of each segment to its row of `out`.
     pub fn forward(&self, parts: &[Together], tape: &mut RecurrenceTape, nodes: &[f32], out: &mut [f32]) {
         let columns = self.columns;
-        tape.kept.resize_with(tape.kept.len().max(parts.len()), Kept::default);
+        tape.kept.resize_with(tape.kept.len().max(parts.len()), ReadStates::default);
         for (part, kept) in parts.iter().zip(&mut tape.kept) {
             self.read(part, kept, nodes);
             for (&s, state) in part.segments.iter().zip(kept.state.chunks_exact(columns)) {

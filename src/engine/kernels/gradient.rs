@@ -106,7 +106,7 @@ unsafe fn norm_some_backward<S: Simd, T: Number, const R: usize>(
 
 /// What is kept of an activation for its derivative.
 #[derive(Clone, Copy, Debug)]
-pub enum Kept<'a, T> {
+pub enum Saved<'a, T> {
     /// Its value: the derivative of max(0, x) is 1 where it is positive.
     Value(&'a [T]),
     /// The derivative itself.
@@ -117,15 +117,15 @@ pub enum Kept<'a, T> {
 /// `narrow`; the sums over the rows are added to `bias`.
 pub fn activation_backward<T: Number>(
     isa: Isa,
-    kept: Kept<T>,
+    kept: Saved<T>,
     (n, columns): (usize, usize),
     d: &mut [f32],
     narrow: &mut [T],
     bias: &mut [f32],
 ) {
     let (kept, slope) = match kept {
-        Kept::Value(x) => (x, false),
-        Kept::Slope(x) => (x, true),
+        Saved::Value(x) => (x, false),
+        Saved::Slope(x) => (x, true),
     };
     let size = n * columns;
     assert!(

@@ -25,7 +25,7 @@ use super::options::Level;
 pub use amx::{Tiles, available as has_tiles};
 pub use buffer::Buffer;
 pub use dense::{Adam, adam, multiply_add, softmax_backward};
-pub use gradient::{Kept, activation_backward, norm_backward, silu_keep};
+pub use gradient::{Saved, activation_backward, norm_backward, silu_keep};
 pub use outer::{Pairs, gather_add, outer, scatter_add};
 pub use packed::{Packed, padded};
 pub use product::{Addend, Output, product, registers};

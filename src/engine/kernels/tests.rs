@@ -345,8 +345,8 @@ fn activations<T: Number>(isa: Isa) {
             let mut narrow: Buffer<T> = Buffer::new(n * columns);
             let mut bias: Buffer<f32> = numbers(columns, 3);
             let of = match slope {
-                true => Kept::Slope(&kept[..]),
-                false => Kept::Value(&kept[..]),
+                true => Saved::Slope(&kept[..]),
+                false => Saved::Value(&kept[..]),
             };
             activation_backward(isa, of, (n, columns), &mut d, &mut narrow, &mut bias);
             let derivative = |i: usize| match (slope, kept[i].to_f32()) {

@@ -6,7 +6,7 @@
 use super::settings::{Quantity, Settings};
 use super::table::{self, Table};
 use super::{Campaign, Outcome, one};
-use crate::generate::parameter::shown;
+use crate::generate::parameter::shortened;
 use crate::generate::process::Surroundings;
 use m4gn_base::{Error, Result, files, lock};
 use std::path::Path;
@@ -63,11 +63,11 @@ impl Request {
                     "line {number}: expected a number of {} or {}, found '{}'",
                     expected(),
                     EVALUATION[format],
-                    shown(tag)
+                    shortened(tag)
                 ));
             };
             let count: usize = value.parse().map_err(|_| {
-                format!("line {number}: expected a whole number before {tag}, found '{}'", shown(value))
+                format!("line {number}: expected a whole number before {tag}, found '{}'", shortened(value))
             })?;
             let items = lines.by_ref().take(count).collect::<std::result::Result<Vec<Line>, String>>()?;
             if items.len() < count {
@@ -101,7 +101,7 @@ impl Request {
     pub fn values(&self, table: &Table) -> std::result::Result<Vec<String>, String> {
         let all = table.parameters.join(", ");
         if let Some((name, _)) = self.variables.iter().find(|(name, _)| !table.parameters.contains(name)) {
-            return Err(format!("variable '{}': expected the campaign's parameters, {all}", shown(name)));
+            return Err(format!("variable '{}': expected the campaign's parameters, {all}", shortened(name)));
         }
         let value = |parameter: &String| {
             let mut found = self.variables.iter().filter(|(name, _)| name == parameter);
@@ -109,7 +109,7 @@ impl Request {
                 (Some((_, value)), None) => table::value(value).ok_or_else(|| {
                     format!(
                         "variable {parameter}: expected a number or a word of OpenFOAM, found '{}'",
-                        shown(value)
+                        shortened(value)
                     )
                 }),
                 (None, _) => {
@@ -132,7 +132,7 @@ impl Request {
             None => Ok(asked),
             Some(name) => {
                 let all = all.join(", ");
-                Err(format!("response '{}': expected a [[quantity]] of the campaign, {all}", shown(name)))
+                Err(format!("response '{}': expected a [[quantity]] of the campaign, {all}", shortened(name)))
             }
         }
     }
@@ -151,7 +151,7 @@ fn line(number: usize, text: &str, format: usize) -> std::result::Result<Line<'_
     };
     let (tag, value) = found.ok_or_else(|| {
         let expected = ["'value descriptor'", "'{ descriptor = value }'"][format];
-        format!("line {number}: expected {expected}, found '{}'", shown(text))
+        format!("line {number}: expected {expected}, found '{}'", shortened(text))
     })?;
     Ok(Line { number, tag, value })
 }
@@ -163,7 +163,10 @@ fn response(line: &Line) -> std::result::Result<Option<String>, String> {
         tag.split_once(':').map(|(asv, name)| (asv.split('_').next().unwrap_or(""), name)),
         value.parse::<u8>(),
     ) else {
-        return Err(format!("line {number}: expected a number and ASV_i:descriptor, found '{}'", shown(tag)));
+        return Err(format!(
+            "line {number}: expected a number and ASV_i:descriptor, found '{}'",
+            shortened(tag)
+        ));
     };
     match set {
         0 => Ok(None),
@@ -171,7 +174,7 @@ fn response(line: &Line) -> std::result::Result<Option<String>, String> {
         _ => Err(format!(
             "line {number}: asks for {set} of '{}': expected 0 or 1, as a run gives no derivatives: have no_gradients or numerical_gradients, and \
              no_hessians, in Dakota's responses",
-            shown(name)
+            shortened(name)
         )),
     }
 }

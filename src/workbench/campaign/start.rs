@@ -98,7 +98,7 @@ pub fn make(
         match made {
             Ok(Some(started)) => {
                 notes.extend(why.clone());
-                return Ok(Started { far, note: said(notes), ..started });
+                return Ok(Started { far, note: joined(notes), ..started });
             }
             Ok(None) => {}
             Err(Error::Interrupted(e)) => return Err(Error::Interrupted(e)),
@@ -106,10 +106,10 @@ pub fn make(
         }
     }
     notes.extend(plan.cold.clone());
-    Ok(Started { kind: "cold".into(), far, note: said(notes), ..Started::default() })
+    Ok(Started { kind: "cold".into(), far, note: joined(notes), ..Started::default() })
 }
 
-fn said(notes: Vec<String>) -> Option<String> {
+fn joined(notes: Vec<String>) -> Option<String> {
     (!notes.is_empty()).then(|| notes.join("; "))
 }
 

@@ -7,7 +7,9 @@
 use super::case::fill;
 use super::command::Command;
 use super::expression::{self, Variables};
-use super::parameter::{self, Parameter, Setting, Settings, Value, check_decimals, is_word, rounded, shown};
+use super::parameter::{
+    self, Parameter, Setting, Settings, Value, check_decimals, is_word, rounded, shortened,
+};
 use super::requirement::Requirement;
 use m4gn_base::{Error, Result, files, listed, refuse};
 use serde::Deserialize;
@@ -206,7 +208,7 @@ impl Family {
         if !is_word(&self.name) {
             return fault(format!(
                 "the folder is named '{}': expected at most 64 letters, digits, - and _",
-                shown(&self.name)
+                shortened(&self.name)
             ));
         }
         check_decimals(self.decimals)?;
@@ -221,7 +223,7 @@ impl Family {
             if !is_word(name) || taken || names[..i].contains(name) {
                 return fault(format!(
                     "'{}' cannot be the name of a quantity, or is one already",
-                    shown(name)
+                    shortened(name)
                 ));
             }
         }

@@ -125,7 +125,7 @@ pub(crate) fn is_word(text: &str) -> bool {
 const LONGEST_NAME: usize = 64;
 
 /// A text in a message: no more of it than helps.
-pub(crate) fn shown(text: &str) -> String {
+pub(crate) fn shortened(text: &str) -> String {
     text.chars().take(LONGEST_NAME).collect()
 }
 
@@ -148,7 +148,7 @@ pub(super) fn check_decimals(decimals: i32) -> Result<()> {
 impl Parameter {
     /// Checks what family.toml says of it.
     pub(super) fn check(&self) -> Result<()> {
-        let fault = |what: &str| Err(Error::Input(format!("parameter '{}': {what}", shown(&self.name))));
+        let fault = |what: &str| Err(Error::Input(format!("parameter '{}': {what}", shortened(&self.name))));
         if !is_word(&self.name) || self.name.contains('-') {
             return fault("expected a name of at most 64 letters, digits and _");
         }

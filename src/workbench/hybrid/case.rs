@@ -1,7 +1,7 @@
 //! The runs of one draw: files, solver, cost, comparison, and the result that stays.
 
 use super::answer;
-use super::record::{Cost, RunRecord, kept, remove};
+use super::record::{Cost, RunRecord, finished_record, remove};
 use super::score::Score;
 use super::variant::{FULL, Kind, NETWORK};
 use super::{DrawResult, Plan};
@@ -67,14 +67,14 @@ impl Job<'_> {
         let mut missing = Vec::new();
         for variant in &self.plan.variants {
             match self.prepare(index, &variant.name, Some(&variant.kind), Some(&full)) {
-                Ok(run) => match kept(&folder, run.name, &run.key) {
+                Ok(run) => match finished_record(&folder, run.name, &run.key) {
                     Some(record) => drop(result.runs.insert(run.name.into(), record)),
                     None => missing.push(run),
                 },
                 Err(e) => self.failed(&mut result, &variant.name, &e),
             }
         }
-        let (record, case) = (kept(&folder, FULL, &full.key), folder.join(FULL));
+        let (record, case) = (finished_record(&folder, FULL, &full.key), folder.join(FULL));
         // Its fields are there as long as this file is.
         let whole = case.join("system/controlDict").is_file();
         result.full = match record {

@@ -52,7 +52,7 @@ impl RunRecord {
 }
 
 /// The record of a run that is finished and was made with this; none where it must be run.
-pub(super) fn kept(folder: &Path, name: &str, made_with: &str) -> Option<RunRecord> {
+pub(super) fn finished_record(folder: &Path, name: &str, made_with: &str) -> Option<RunRecord> {
     let text = files::read(folder.join(format!("{name}.json"))).ok()?;
     let record: RunRecord = serde_json::from_slice(&text).ok()?;
     (record.made_with == made_with).then_some(record)

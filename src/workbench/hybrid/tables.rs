@@ -76,7 +76,7 @@ fn times_as_fast(draw: &DrawResult, run: &RunRecord) -> Option<f64> {
 }
 
 /// The figures that some run has or could have: flows have no displacement, solids no drag.
-fn shown(results: &[DrawResult]) -> Vec<&'static Figure> {
+fn figures_present(results: &[DrawResult]) -> Vec<&'static Figure> {
     let could = |figure: &Figure, s: &Score| {
         (figure.1 == "lift" && s.unsteadiness.is_some())
             || (OF_STRESSES.contains(&figure.1) && s.reaction_left_out.is_some())
@@ -101,7 +101,7 @@ fn heading(order: &str, figures: &[&Figure]) -> Table {
 /// A row a run, the cases in their order; errors are over those of holding the last field, times over the full run's
 /// after the takeover.
 pub fn case_table(results: &[DrawResult], variants: &[String], order: &str) -> Table {
-    let figures = shown(results);
+    let figures = figures_present(results);
     let mut table = heading(order, &figures);
     for draw in sorted(results) {
         let first = [format!("{:04}", draw.index), number(draw.order, 4)];
@@ -190,7 +190,7 @@ fn range(band: &[&DrawResult]) -> [f64; 2] {
 
 /// Median and worst of each variant: one table for all cases, and one a band.
 pub fn summary_tables(results: &[DrawResult], variants: &[String], order: &str) -> Vec<(String, Table)> {
-    let figures = shown(results);
+    let figures = figures_present(results);
     let table = |band: &Vec<&DrawResult>| {
         let [low, high] = range(band);
         let title = format!(

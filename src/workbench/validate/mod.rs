@@ -23,7 +23,7 @@ mod summary;
 
 pub use pace::Pace;
 pub use prediction::{FieldErrors, Keep, Prediction};
-pub use scene::{Given, Scene, Step, Values, predicted};
+pub use scene::{Scene, Step, StepContext, Values, predicted};
 pub use series::write as write_series;
 pub use summary::{Row, Summary, headline, json, summaries};
 
@@ -111,8 +111,8 @@ impl Case {
     }
 
     /// The rollout whose states were kept.
-    pub fn kept(&self) -> Option<&Prediction> {
-        self.predictions.iter().find(|p| !p.kept.is_empty())
+    pub fn rollout(&self) -> Option<&Prediction> {
+        self.predictions.iter().find(|p| !p.states.is_empty())
     }
 }
 
@@ -237,9 +237,9 @@ pub fn run(
         let mut step = stepper(&mut session, trajectory, &mut outside);
         scene.predict(seen, &mut step, progress)?
     };
-    prediction.over_segments = scene.over_segments(&prediction.kept, &node_segment);
+    prediction.over_segments = scene.over_segments(&prediction.states, &node_segment);
     if keep == Keep::Nothing {
-        prediction.kept.clear();
+        prediction.states.clear();
     }
     let case = Case::of(trajectory, &scene, &model.spec.fields, horizon, prediction)?;
     Ok(Case { node_segment, outside, ..case })
@@ -251,7 +251,7 @@ pub fn stepper<'a>(
     session: &'a mut Session,
     trajectory: &Trajectory,
     outside: &'a mut Vec<String>,
-) -> impl FnMut(&[Field], &mut [FieldMut], Given) -> Result<()> + 'a {
+) -> impl FnMut(&[Field], &mut [FieldMut], StepContext) -> Result<()> + 'a {
     let has_obstacle = trajectory.obstacle().is_some();
     move |fields, out, given| {
         if has_obstacle {

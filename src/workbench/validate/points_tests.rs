@@ -18,7 +18,7 @@ fn points_of_walls_are_as_recorded_and_do_not_count() {
     let case = run(&model, &t, &SessionOptions::default(), (None, Keep::All), &mut || Ok(())).unwrap();
     let walls = |b: &&m4gn_mesh::BoundaryFace| matches!(b.kind, NodeType::Wall | NodeType::Inlet);
     let held: Vec<usize> = mesh.boundary.iter().filter(walls).map(|b| b.owner as usize).collect();
-    let kept = &case.kept().unwrap().kept;
+    let kept = &case.rollout().unwrap().states;
     assert_eq!(kept.len(), 11);
     for (step, found) in kept {
         let truth = t.read_frame("U", *step).unwrap().cells;
@@ -65,7 +65,7 @@ fn points_of_walls_that_the_flow_slips_along_are_predicted() {
     spec.segments.method = m4gn_model::SegmentMethod::Metis;
     let model = Model::random(spec, 3).unwrap();
     let case = run(&model, &t, &SessionOptions::default(), (None, Keep::All), &mut || Ok(())).unwrap();
-    let kept = &case.kept().unwrap().kept;
+    let kept = &case.rollout().unwrap().states;
     assert_eq!(kept.len(), 5);
     for (step, found) in kept {
         let before = t.read_frame("U", step - 1).unwrap().cells;

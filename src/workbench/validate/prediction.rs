@@ -55,7 +55,7 @@ pub struct Prediction {
     /// where it became non-finite. Of models.
     pub largest: Option<f64>,
     /// The headline field at the ends of the steps that are kept, numbered from 1; a row of x, y, z each node of a vector.
-    pub kept: BTreeMap<usize, Vec<f64>>,
+    pub states: BTreeMap<usize, Vec<f64>>,
     /// RMSE of the headline field over the nodes of each segment at the ends of some steps, numbered from 1; of networks that have segments.
     pub over_segments: BTreeMap<usize, Vec<f64>>,
     /// Why the rollout ended early.

@@ -19,7 +19,7 @@ use std::time::Instant;
 
 /// What a step is given beside the fields.
 #[derive(Clone, Copy)]
-pub struct Given<'a> {
+pub struct StepContext<'a> {
     /// Displacement of the obstacle's points at the start and at the end of the step, m; empty without obstacle.
     pub motion: [&'a [Vector]; 2],
     /// Whether the step starts from a recorded frame, and not from the result of the last one.
@@ -27,7 +27,7 @@ pub struct Given<'a> {
 }
 
 /// Takes all fields one stride on, from the first into the second.
-pub type Step<'a> = dyn FnMut(&[Field], &mut [FieldMut], Given) -> Result<()> + 'a;
+pub type Step<'a> = dyn FnMut(&[Field], &mut [FieldMut], StepContext) -> Result<()> + 'a;
 
 /// Values of a field: rows of 1 or 3 at the nodes, and at the boundary faces.
 pub type Values = (Vec<f64>, Vec<f64>);
@@ -314,7 +314,7 @@ impl<'a> Scene<'a> {
                 p.phase_free = self.phase_free(headline);
             }
             if keep.takes(i + 1, steps) {
-                p.kept.insert(i + 1, headline.clone());
+                p.states.insert(i + 1, headline.clone());
             }
             progress()
         })?;
@@ -379,7 +379,7 @@ impl<'a> Scene<'a> {
         let places = self.tracks.iter().zip(&mut next);
         let mut out: Vec<FieldMut> =
             places.map(|(t, cells)| FieldMut { name: &t.spec.name, components: t.width, cells }).collect();
-        let given = Given { motion: [self.motion(i), self.motion(i + 1)], recorded };
+        let given = StepContext { motion: [self.motion(i), self.motion(i + 1)], recorded };
         let began = Instant::now();
         let done = step(&fields, &mut out, given);
         seconds.0 += began.elapsed().as_secs_f64();

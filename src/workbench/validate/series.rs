@@ -21,7 +21,7 @@ pub fn write(folder: &Path, case: &Case) -> Result<()> {
             "is a trajectory at cells: a series of shapes is written of a body at points",
         ));
     };
-    let Some(rollout) = case.kept() else {
+    let Some(rollout) = case.rollout() else {
         return Err(Error::Numerical(format!(
             "{}: there is no finite step of a rollout to write",
             case.path.display()
@@ -30,7 +30,7 @@ pub fn write(folder: &Path, case: &Case) -> Result<()> {
     let grid = Grid::of_elements(&body.elements);
     let name = &case.fields[0].0;
     let first = recorded(&trajectory, name, 0)?;
-    let states = || std::iter::once((&0, &first)).chain(&rollout.kept);
+    let states = || std::iter::once((&0, &first)).chain(&rollout.states);
     let times: Vec<_> =
         states().map(|(step, _)| (*step, trajectory.times()[step * case.pace.frames])).collect();
     let names = ["truth", "prediction", "obstacle"]

@@ -179,7 +179,7 @@ fn known(stride: f64, mut wrong: impl FnMut(&mut [f64], &Trajectory) -> Result<(
     let pace = Pace::new(t.times(), stride).unwrap();
     let scene = Scene::read(&t, &fields, pace).unwrap();
     let mut followed = None;
-    let mut step = |fields: &[Field], out: &mut [FieldMut], given: Given| {
+    let mut step = |fields: &[Field], out: &mut [FieldMut], given: StepContext| {
         let k = (0..pace.steps).find(|&k| scene.motion(k) == given.motion[0]).unwrap();
         assert_eq!(scene.motion(k + 1), given.motion[1]);
         // A step starts from a recorded frame, or goes on from the last one.
@@ -415,7 +415,7 @@ fn an_obstacle_that_sinks_in_is_told() {
     assert_eq!(calls, steps(case.pace));
     let figures = json(std::slice::from_ref(&case));
     let rows = figures.pointer("/cases/0/model/over_segments").and_then(Value::as_array).unwrap();
-    assert_eq!(rows.len(), case.kept().unwrap().kept.len());
+    assert_eq!(rows.len(), case.rollout().unwrap().states.len());
     let count = 1 + case.node_segment.iter().max().copied().unwrap() as usize;
     assert_eq!(rows[0]["rmse"].as_array().unwrap().len(), count);
     assert!(case.diverged().is_none());
@@ -509,7 +509,7 @@ fn fields_that_are_read_and_not_predicted_are_those_of_the_record() {
     let pace = Pace::new(t.times(), 0.01).unwrap();
     let frames = t.read_frames("p", 0, 1, pace.steps + 1).unwrap();
     let mut seen = Vec::new();
-    let mut step = |fields: &[m4gn_step::Field], _: &mut [m4gn_step::FieldMut], _: Given| {
+    let mut step = |fields: &[m4gn_step::Field], _: &mut [m4gn_step::FieldMut], _: StepContext| {
         let p = fields.iter().find(|f| f.name == "p").unwrap();
         seen.push((p.components, p.cells.to_vec(), p.boundary.to_vec()));
         Ok(())
@@ -559,7 +559,7 @@ fn small_boundary_values_of_positive_fields_stay_prescribed() {
         floor: Some(1e-9),
     };
     let scene = Scene::read(&t, &[k], Pace::new(t.times(), 0.1).unwrap()).unwrap();
-    let mut step = |_: &[Field], _: &mut [FieldMut], _: Given| Ok(());
+    let mut step = |_: &[Field], _: &mut [FieldMut], _: StepContext| Ok(());
     let mut found = Vec::new();
     let mut visit = |_: usize, state: &[(Vec<f64>, Vec<f64>)]| {
         found = state[0].1.clone();

@@ -114,7 +114,7 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    fn told() -> Vec<Decision> {
+    fn example() -> Vec<Decision> {
         let begun = |time: f64, limited: &str| {
             json!({
                 "time": time, "event": "jump_begun", "surrogate": "dmd", "limited_by": limited, "fields": ["U", "p"], "held": ["U"],
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn a_jump_is_what_was_begun_and_handed_back() {
-        let found = jumps(&told()).unwrap();
+        let found = jumps(&example()).unwrap();
         assert_eq!(found.len(), 1, "neither one that did not begin nor one of a start-up: {found:?}");
         assert_eq!((found[0].begun, found[0].ended, found[0].tolerance), (2.0, 2.500_000_1, Some(0.05)));
         assert_eq!((found[0].fields.len(), found[0].held.len()), (2, 1));
@@ -146,14 +146,14 @@ mod tests {
     #[test]
     fn steps_that_end_at_the_cap_are_told() {
         let steps = |before: u64| json!({ "time": 1.2, "event": "correctors", "before": before, "after": [20], "cap": 20 });
-        assert_eq!(capped(&told()), None);
+        assert_eq!(capped(&example()), None);
         assert_eq!(capped(&[steps(7)]), None, "after a jump alone");
         assert_eq!(capped(&[steps(7), steps(20)]), Some(20));
     }
 
     #[test]
     fn times_that_are_written_say_what_is_recomputed() {
-        let jump = &jumps(&told()).unwrap()[0];
+        let jump = &jumps(&example()).unwrap()[0];
         let stretch = |times: &[f64]| jump.stretch(times).map(|s| (s.from, s.to));
         assert_eq!(stretch(&[0.0, 2.000_001, 2.25, 2.5, 3.0]), Some((1, vec![2, 3])), "begin and end");
         assert_eq!(stretch(&[0.0, 1.9, 2.25, 2.6]), Some((1, vec![2])), "before, and within");

@@ -69,7 +69,7 @@ pub fn run(plan: &Plan, mut progress: impl FnMut(usize, usize)) -> Result<Report
     let stretches = stretches(&mut all, &values);
     let room = scratch()?;
     let room_path = plain_path(room.path())?;
-    let kept = plan.keep.as_deref().map(|keep| Kept::new(&case, keep)).transpose()?;
+    let kept = plan.keep.as_deref().map(|keep| CaseCopy::new(&case, keep)).transpose()?;
 
     let mut figures: BTreeMap<usize, BTreeMap<String, Figures>> = BTreeMap::new();
     let mut done = 0;
@@ -192,12 +192,12 @@ fn judge(all: &mut [Verified], figures: &BTreeMap<usize, BTreeMap<String, Figure
 }
 
 /// A copy of the whole case, which gets its name when it is whole.
-struct Kept {
+struct CaseCopy {
     room: tempfile::TempDir,
     name: PathBuf,
 }
 
-impl Kept {
+impl CaseCopy {
     fn new(case: &Path, keep: &Path) -> Result<Self> {
         let name = plain_path(keep)?;
         if name.exists() {
@@ -211,7 +211,7 @@ impl Kept {
             .prefix(".m4gn-verify")
             .tempdir_in(parent)
             .map_err(|e| Error::file(parent, format!("no folder can be made in it: {e}")))?;
-        let kept = Kept { room, name };
+        let kept = CaseCopy { room, name };
         for name in names(case)?.iter().filter(|name| !LEFT_OUT.contains(&name.as_str())) {
             copy_all(&case.join(name), &kept.path().join(name))?;
         }
@@ -237,7 +237,7 @@ impl Kept {
 mod tests {
     use super::*;
 
-    fn told(begun: f64, ended: f64, held: &[&str]) -> Verified {
+    fn verified(begun: f64, ended: f64, held: &[&str]) -> Verified {
         let held = held.iter().map(|h| h.to_string()).collect();
         let jump = Jump { begun, ended, held, tolerance: Some(0.05), ..Jump::default() };
         Verified { jump, ..Verified::default() }
@@ -245,7 +245,7 @@ mod tests {
 
     #[test]
     fn errors_are_over_the_largest_variation_so_far() {
-        let mut all = vec![told(1.0, 2.0, &["U"]), told(3.0, 4.0, &["U"]), told(5.0, 6.0, &[])];
+        let mut all = vec![verified(1.0, 2.0, &["U"]), verified(3.0, 4.0, &["U"]), verified(5.0, 6.0, &[])];
         let figures = |error: f64, variation: f64| {
             let one = |error| Figures { error, change: 0.5, variation };
             BTreeMap::from([("U".to_string(), one(error)), ("p".to_string(), one(1.0))])
@@ -266,7 +266,7 @@ mod tests {
 
     #[test]
     fn what_cannot_be_recomputed_is_told() {
-        let mut all = vec![told(1.0, 2.0, &[]), told(2.2, 3.0, &[]), told(3.1, 3.2, &[])];
+        let mut all = vec![verified(1.0, 2.0, &[]), verified(2.2, 3.0, &[]), verified(3.1, 3.2, &[])];
         let found = stretches(&mut all, &[0.0, 1.5, 2.5, 4.0]);
         assert_eq!(found.iter().map(|(i, s)| (*i, s.from)).collect::<Vec<_>>(), [(0, 0), (1, 1)]);
         assert_eq!(all.iter().map(|j| j.earlier_jumps).collect::<Vec<_>>(), [0, 1, 0]);
