@@ -57,7 +57,9 @@ impl MadeFrom {
         part("solver and ranks", &(&s.solver, s.ranks));
         part("quantities", &(&s.quantity, s.confidence));
         part("end_time", &s.end_time);
-        part("the run's parameters", &(&table.parameters, &row.values));
+        // Whatever the order of the table's columns
+        let values: BTreeMap<_, _> = table.parameters.iter().zip(&row.values).collect();
+        part("the run's parameters", &values);
         if !plain {
             part("start and scale", &(s.start, &s.scale));
             part("surrogate", &(&s.surrogate, &s.surrogate_entries));
@@ -364,8 +366,8 @@ mod tests {
     fn an_edit_is_named() {
         let (_dir, source) = source(&["0/U", "constant/g"]);
         let table = Table {
-            parameters: vec!["u".into()],
-            rows: vec![Row { name: "a".into(), values: vec!["1".into()] }],
+            parameters: vec!["u".into(), "v".into()],
+            rows: vec![Row { name: "a".into(), values: vec!["1".into(), "3".into()] }],
         };
         let of =
             |s: &Settings, t: &Table, plain: bool| source.digests().unwrap().of_run(s, t, &t.rows[0], plain);
@@ -375,6 +377,11 @@ mod tests {
         let mut other = table.clone();
         other.rows[0].values[0] = "2".into();
         assert_eq!(of(&s, &other, false).differs(&before).unwrap(), "the run's parameters");
+        let mut turned = table.clone();
+        turned.parameters.reverse();
+        assert!(of(&s, &turned, false).differs(&before).is_some());
+        turned.rows[0].values.reverse();
+        assert_eq!(of(&s, &turned, false).differs(&before), None, "columns in another order");
         s.min_time = 0.7;
         assert_eq!(of(&s, &table, false).differs(&before).unwrap(), "stop and min_time");
         assert_eq!(of(&s, &table, true).differs(&plain), None, "a plain run is not ended by them");
