@@ -33,7 +33,10 @@ hybrid() {
 # Each equation has its own tightly solved run: the branch's differs from that of 2.2 by its stabilisation, and so does the solution on a mesh.
 # Rows that name a fit have Newton-Krylov alone, which is the fastest plain solver.
 while read -r family along across step end count fit; do
-    row=$family-$((along * across * across))-$end
+    # Those that are pressed have one cell along the cylinder
+    deep=$across
+    [ "$family" != pressed-rubber ] || deep=1
+    row=$family-$((along * across * deep))-$end
     grep -q -- "$only" <<< "$row" || continue
     mkdir -p "$row"
     (
