@@ -69,6 +69,12 @@ void Foam::functionObjects::m4gnAverages::readQuantities(const dictionary& dict)
                                           " the run's time by this one"
                                        << exit(FatalIOError);
         }
+        if (!string::valid<word>(q.name)) {
+            FatalIOErrorInFunction(of) << "Quantity '" << q.name.c_str() << "' of " << all.dictName()
+                                       << ": expected a name without spaces, as averages.dat has it for a"
+                                          " column"
+                                       << exit(FatalIOError);
+        }
         of.readEntry("functionObject", q.functionObject);
         of.readEntry("result", q.result);
         const word component(of.getOrDefault<word>("component", "none"));

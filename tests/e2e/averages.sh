@@ -218,6 +218,7 @@ ill_formed 'Entry confidence of .*expected a number between 0 and 1' 'confidence
 ill_formed 'Entry checkInterval of .* is 0; expected at least 1' 'checkInterval 0;'
 ill_formed 'Entry statistic of .*expected mean or rms' 'quantities { Cd { functionObject forces; result Cd; statistic median; } }'
 ill_formed 'Quantity time of .*expected another name' 'quantities { time { functionObject forces; result Cd; } }'
+ill_formed "Quantity 'mean Cd' of .*expected a name without spaces" 'quantities { "mean Cd" { functionObject forces; result Cd; } }'
 ill_formed 'Entry relative of .*expected a positive number' 'quantities { Cd { relative -1; } }'
 ill_formed 'expected one of them, found both' 'quantities { Cd { tolerance 1; } }'
 ill_formed 'of functionObject force, which this run has not' 'quantities { Cd { functionObject force; result Cd; } }'
