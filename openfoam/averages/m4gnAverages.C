@@ -204,10 +204,10 @@ bool Foam::functionObjects::m4gnAverages::value(const quantity& from, scalar& fo
     const bool inRun = time_.functionObjects().findObjectID(from.functionObject) >= 0;
     const word type(inRun ? objectResultType(from.functionObject, from.result) : word::null);
 
-    if (type == pTraits<scalar>::typeName) {
+    if (type == pTraits<scalar>::typeName && from.component < 0) {
         return getObjectResult(from.functionObject, from.result, found);
     }
-    if (type == pTraits<label>::typeName) {
+    if (type == pTraits<label>::typeName && from.component < 0) {
         label whole = 0;
         const bool there = getObjectResult(from.functionObject, from.result, whole);
         found = whole;
@@ -220,10 +220,11 @@ bool Foam::functionObjects::m4gnAverages::value(const quantity& from, scalar& fo
         return there;
     }
     if (type.size()) {
-        FatalErrorInFunction << "Quantity " << from.name << " of " << name() << ": " << from.result << " of "
-                             << from.functionObject << " is a " << type << nl
-                             << "    Expected a scalar, or a vector with component x, y or z"
-                             << exit(FatalError);
+        FatalErrorInFunction
+            << "Quantity " << from.name << " of " << name() << ": " << from.result << " of "
+            << from.functionObject << " is a " << type << nl
+            << "    Expected a scalar without component, or a vector with component x, y or z"
+            << exit(FatalError);
     }
 
     const wordList others(inRun ? objectResultEntries(from.functionObject) : wordList());

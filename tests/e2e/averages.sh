@@ -221,6 +221,7 @@ ill_formed 'Quantity time of .*expected another name' 'quantities { time { funct
 ill_formed "Quantity 'mean Cd' of .*expected a name without spaces" 'quantities { "mean Cd" { functionObject forces; result Cd; } }'
 ill_formed 'Entry relative of .*expected a positive number' 'quantities { Cd { relative -1; } }'
 ill_formed 'expected one of them, found both' 'quantities { Cd { tolerance 1; } }'
+ill_formed 'Cd of forces is a scalar Expected a scalar without component' 'quantities { Cd { component x; } }'
 ill_formed 'of functionObject force, which this run has not' 'quantities { Cd { functionObject force; result Cd; } }'
 ill_formed 'publishes no Cx It publishes: ' 'quantities { Cd { functionObject forces; result Cx; } }'
 
