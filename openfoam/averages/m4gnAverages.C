@@ -416,6 +416,11 @@ bool Foam::functionObjects::m4gnAverages::read(const dictionary& dict)
         asked_ = asked.str();
         started_ = known_ = false;
     }
+    bool ends = !stop_;
+    for (const quantity& q : quantities_) {
+        ends = ends || q.tolerance > 0;
+    }
+    expect(ends, dict, "stop", "tolerance or relative of a quantity as well, or no");
 
     return true;
 }

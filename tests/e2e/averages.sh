@@ -215,6 +215,8 @@ ill_formed() {
 }
 ill_formed 'Unknown entry toleranse' 'toleranse 1;'
 ill_formed 'Entry confidence of .*expected a number between 0 and 1' 'confidence 95;'
+ill_formed 'Entry stop of .*expected tolerance or relative of a quantity' 'stop yes; #remove quantities
+    quantities { Cd { functionObject forces; result Cd; } }'
 ill_formed 'Entry checkInterval of .* is 0; expected at least 1' 'checkInterval 0;'
 ill_formed 'Entry statistic of .*expected mean or rms' 'quantities { Cd { functionObject forces; result Cd; statistic median; } }'
 ill_formed 'Quantity time of .*expected another name' 'quantities { time { functionObject forces; result Cd; } }'
