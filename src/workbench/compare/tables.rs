@@ -42,6 +42,7 @@ impl Table {
         (!whole.rows.is_empty()).then_some(whole)
     }
 
+    /// What stands before a header with other columns does not count.
     fn parse(text: &str) -> Table {
         let numbers = |line: &str| -> Option<Vec<f64>> {
             let words = line.split(|c: char| c.is_whitespace() || "()".contains(c)).filter(|w| !w.is_empty());
@@ -49,9 +50,14 @@ impl Table {
         };
         // The last line of a run that was killed may be cut
         let text = text.rfind('\n').map_or("", |end| &text[..end]);
-        let mut heads = text.lines().filter_map(|line| line.strip_prefix('#'));
-        let head = heads.rfind(|head| head.split_whitespace().next() == Some("Time")).unwrap_or_default();
-        let lines = text.lines().filter(|line| !line.starts_with('#'));
+        let (mut head, mut begin) = ("", 0);
+        for (i, line) in text.lines().enumerate() {
+            let names = line.strip_prefix('#').filter(|h| h.split_whitespace().next() == Some("Time"));
+            if let Some(names) = names.filter(|names| *names != head) {
+                (head, begin) = (names, i);
+            }
+        }
+        let lines = text.lines().skip(begin).filter(|line| !line.starts_with('#'));
         let rows = lines.filter_map(|line| Some((line, numbers(line)?)));
         let mut rows = rows.filter(|(_, row)| row.len() > 1 && row[0].is_finite()).peekable();
         let (first, width) = rows.peek().map_or(("", 0), |(line, row)| (*line, row.len()));
@@ -182,6 +188,10 @@ mod tests {
         fixtures::write(dir.path(), &[("postProcessing/drag/2/coefficient_2.dat", &again)]);
         let [drag, _] = Table::read(dir.path(), "drag", "coefficient.dat").unwrap().coefficients().unwrap();
         assert_eq!(drag.values, [2.0, 4.0, 1.0]);
+        // Two files of other columns that were joined by hand
+        let joined = "# Time Cl Cd\n1 2 3\n2 2 3\n# Time Cd Cl\n3 7 8\n# Time Cd Cl\n4 7 8\n";
+        let [drag, _] = Table::parse(joined).coefficients().unwrap();
+        assert_eq!((&drag.times[..], &drag.values[..]), (&[3.0, 4.0][..], &[7.0, 7.0][..]));
     }
 
     #[test]
