@@ -94,6 +94,8 @@ fn data_sets_go_in_and_out() {
             "--node-types: it is for",
         ),
         ("convert test.tfrecord --as npz --out b", "--as: test.tfrecord becomes trajectories"),
+        ("convert test.tfrecord --out b.npz", "give NAME.h5 or a folder, and convert that"),
+        ("convert again.h5 --as npz --out b.npz", "--as: the name of --out says it"),
     ] {
         let message = refused(at, arguments);
         assert!(message.contains(expected), "{message}");

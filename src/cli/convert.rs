@@ -144,6 +144,11 @@ fn weights(args: &Args) -> Result<()> {
     Ok(())
 }
 
+/// Whether a name says that one file for others is written.
+fn is_of_others(out: &Path) -> bool {
+    out.extension().is_some_and(|e| e == "npz" || e == "pvd")
+}
+
 /// Files of others to trajectories.
 fn into(args: &Args) -> Result<()> {
     if args.kind.is_some() {
@@ -152,6 +157,13 @@ fn into(args: &Args) -> Result<()> {
             args.input.display()
         )));
     }
+    refuse(is_of_others(&args.out), Error::Input, || {
+        format!(
+            "--out {}: {} becomes trajectories first: give NAME.h5 or a folder, and convert that",
+            args.out.display(),
+            args.input.display()
+        )
+    })?;
     let stop = super::stop_flag()?;
     let single = args.out.extension().is_some_and(|e| e == "h5");
     let _folder = (!single).then(|| lock::folder(&args.out)).transpose()?;
@@ -174,6 +186,9 @@ fn out(args: &Args) -> Result<()> {
     not_imported(args)?;
     let ending = args.out.extension().and_then(|e| e.to_str());
     let kind = match (args.kind, ending) {
+        (Some(_), _) if is_of_others(&args.out) => {
+            return Err(Error::Input("--as: the name of --out says it: leave it out".into()));
+        }
         (Some(kind @ (Kind::Npz | Kind::Vtu)), _) => kind,
         (Some(_), _) => return Err(Error::Input("--as: a trajectory is written as npz or vtu".into())),
         (None, Some("npz")) => Kind::Npz,
