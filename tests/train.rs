@@ -256,6 +256,11 @@ fn a_training_has_its_files_for_itself() {
         .unwrap()
         .map(|e| e.unwrap().file_name().to_string_lossy().into_owned());
     assert!(left.collect::<Vec<_>>().iter().all(|name| !name.contains("lock")));
+    // A model whose checkpoint was deleted is kept, unless it is trained further in its own place
+    std::fs::remove_file(folder.path().join("a.checkpoint")).unwrap();
+    let kept = "a.safetensors: is there already: give another --out";
+    refused(&train(folder.path(), "a.safetensors", &["--steps", "4"]), kept);
+    trained(folder.path(), "a.safetensors", &["--steps", "4", "--from", "a.safetensors"]);
 }
 
 #[test]

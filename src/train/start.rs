@@ -39,6 +39,9 @@ pub(super) fn load(request: &Request, stop: &AtomicU8, comm: &Comm, report: &Rep
             path.display()
         )));
     }
+    if !request.resume && request.out.is_file() && request.from.as_ref() != Some(&request.out) {
+        return Err(Error::file(&request.out, "is there already: give another --out, or delete it"));
+    }
     let ranks = comm.size() as usize;
     if config.training.batch_size < ranks {
         return Err(Error::Input(format!(

@@ -17,6 +17,7 @@ check() {
     recorded "U p $1"
     m4gn info "$data" | grep "^field *$1 " | grep -qF "scalar [$2]" || { m4gn info "$data"; fail "$1 is not recorded"; }
     with_input "$1" > ../given.toml
+    rm -f ../recorded.safetensors ../without.safetensors
     train "$small_model" 0 "$data" "$work/recorded.safetensors"
     train "$small_model" 0 "$work/without.h5" "$work/without.safetensors"
     cmp "$work/recorded.safetensors" "$work/without.safetensors" || fail "the solver's $1 and the recording's differ"
