@@ -98,13 +98,13 @@ control application noSuchFoam
 unfit 'noSuchFoam not found in PATH'
 mkdir ../bin
 printf '#!/bin/sh\nkill -11 $$\n' > ../bin/crashFoam
-printf '#!/bin/sh\nexit 0\n' > ../bin/idleFoam
+printf '#!/bin/sh\necho Time = 1\n' > ../bin/idleFoam
 chmod +x ../bin/*
 PATH=$work/bin:$PATH
 control application crashFoam
 unfit 'crashFoam itself ended in an error, before any jump: .*signal: 11'
 control application idleFoam
-unfit 'idleFoam ended without function objects'
+unfit 'idleFoam executes no function objects'
 control application blockMesh
 check 1 .
 sed '/^application/d' ../controlDict > system/controlDict

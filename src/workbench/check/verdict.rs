@@ -58,14 +58,15 @@ impl Verdict {
         let in_time = report.steps < report.most_steps && !to_its_end;
         match report {
             Report { jumped: true, steps_after: 1.., .. } => Verdict::Fits,
-            r if r.surrogate.is_empty() => Verdict::No(match log::dropped(end.log, CALLED) {
-                Some(text) => format!("{solver} goes on without the function object: {text}"),
-                None => {
-                    format!(
-                        "{solver} ended without function objects: it executes none, or the run begins at its end"
-                    )
+            r if r.surrogate.is_empty() => match log::dropped(end.log, CALLED) {
+                Some(text) => Verdict::No(format!("{solver} goes on without the function object: {text}")),
+                None if end.log.contains("Time = ") => {
+                    Verdict::No(format!("{solver} executes no function objects"))
                 }
-            }),
+                None => Verdict::Open(format!(
+                    "{solver} made no time step: where the run begins at its end, give a later endTime, or startFrom startTime"
+                )),
+            },
             Report { steps: 0, .. } => Verdict::No(format!("{solver} made no time step")),
             r if r.steps < FEWEST && to_its_end => Verdict::No(format!(
                 "the run ends after {} steps of {solver}, too few for a jump: expected at least {FEWEST}",
@@ -155,7 +156,9 @@ mod tests {
 
     #[test]
     fn a_run_that_ends_well_may_not_have_jumped() {
-        assert!(no(&Report::default(), "").contains("it executes none"));
+        assert!(no(&Report::default(), "Time = 1\n").contains("executes no function objects"));
+        let ended = of(&Report::default(), "Create mesh for time = 1\nEnd\n", None, false);
+        assert!(matches!(&ended, Verdict::Open(what) if what.contains("a later endTime")), "{ended:?}");
         let regions = "--> FOAM Warning : \n\n    no region0\n\n    From x\n--> while loading function object 'surrogate'\n";
         assert_eq!(
             no(&Report::default(), regions),
