@@ -194,7 +194,14 @@ fn checked(
         |text: String| text.replace(&copy.display().to_string(), &source.folder.display().to_string());
     let first = match &found {
         Err(e) => {
-            let why = words(e.to_string()).replace(" (--timeout)", "");
+            // A program's log is gone with the copy
+            let is_log =
+                |path: &Path| path.file_name().is_some_and(|n| n.to_string_lossy().starts_with("log."));
+            let why = match e {
+                Error::File { path, message } if is_log(path) => message.clone(),
+                e => e.to_string(),
+            };
+            let why = words(why).replace(" (--timeout)", "");
             let text = format!(
                 "check: the first run was not made: {why}; 'm4gn check' says more of a case with its mesh"
             );
