@@ -188,4 +188,9 @@ fn predictions_are_trajectories_with_their_errors() {
     assert!(second.is_file() && written() == before);
     let message = refused(at, "predict --model m.safetensors --data a.h5 --out p.h5 --steps 1");
     assert!(message.contains("p.h5") && message.contains("exists already"), "{message}");
+    for (data, out, expected) in [("a.h5", "p.npz", "a name that ends in .h5"), ("set", "p2.h5", "a folder")]
+    {
+        let message = refused(at, &format!("predict --model m.safetensors --data {data} --out {out}"));
+        assert!(message.contains(expected) && !at.join(out).exists(), "{message}");
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::running::Running;
 use super::validate::{Progress, check_finite};
-use m4gn_base::{Result, lock};
+use m4gn_base::{Error, Result, lock, refuse};
 use m4gn_model::Model;
 use m4gn_workbench::predict;
 use m4gn_workbench::validate::{name_file, trajectories};
@@ -49,6 +49,10 @@ pub fn run(args: Args) -> Result<()> {
     let mut note = |text: String| eprintln!("{text}");
     let found = trajectories(&args.data, "all", &model.spec, &mut note)?;
     let folder = args.data.is_dir();
+    refuse(args.out.extension().is_some_and(|e| e == "h5") == folder, Error::Input, || {
+        let expected = if folder { "a folder" } else { "a name that ends in .h5" };
+        format!("--out {}: expected {expected}; 'm4gn convert' makes other files of it", args.out.display())
+    })?;
     let _folder = folder.then(|| lock::folder(&args.out)).transpose()?;
     let (mut figures, mut diverged) = (Vec::new(), Vec::new());
     for (trajectory, pace) in &found {
