@@ -264,10 +264,13 @@ fn components(size: usize) -> Option<&'static [&'static str]> {
 }
 
 /// Names of the columns behind the time of a table with this first row, by a header's words, the first of which names the time.
-pub fn names(header: &str, row: &str) -> Vec<String> {
+pub fn names<'a>(header: &'a str, row: &str) -> Vec<String> {
     let mut named: Vec<String> = Vec::new();
     let mut group = "";
-    for word in header.split_whitespace().skip(1).map(|word| word.trim_end_matches(',')) {
+    // Commas within brackets are of a name
+    let parts = |word: &'a str| word.split(move |c| c == ',' && !word.contains('('));
+    let words = header.split_whitespace().flat_map(parts).filter(|word| !word.is_empty());
+    for word in words.skip(1).map(|word| word.trim_end_matches(',')) {
         let (open, closed) = (word.matches('(').count(), word.matches(')').count());
         let (mut of, mut rest) = (group, word);
         if open > closed {
@@ -348,6 +351,10 @@ mod tests {
         assert_eq!(column(probes, "5").unwrap().values, [5.0]);
         let commas = "# time, Cd, Cl\n1, 2, 3\n";
         assert_eq!(column(commas, "Cd").unwrap().values, [2.0]);
+        let commas = "# Time,Cd,Cl\n1,2,3\n";
+        assert_eq!(column(commas, "Cl").unwrap().values, [3.0]);
+        let of_name = "# Time average(in,p) sum(out,p)\n1 2 3\n";
+        assert_eq!(column(of_name, "average(in,p)").unwrap().values, [2.0]);
         assert_eq!(column("1 2\n3 4\n", "1").unwrap().values, [2.0, 4.0]);
     }
 
