@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# README, results: the row of three rubber beams pressed by a cylinder, on the first draw of its command and to 0.6 s. In any draw the
+# README, results: the row of twelve rubber beams pressed by a cylinder, on the first draw of its command and to 0.6 s. In any draw the
 # cylinder has reached the beam by 0.25 s.
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 needs_solids4foam
