@@ -36,9 +36,12 @@ impl Run<'_> {
         self.restore_step(&copy, start.time)?;
         let mut from = stretch[0].clone();
         for to in &stretch[1..] {
+            // OpenFOAM tries more digits than timePrecision from 18 on, and gives up where 17 make the same name
+            let digits = from.0.trim_start_matches(['0', '.']).bytes().take_while(|c| *c != b'e');
+            let precision = digits.filter(u8::is_ascii_digit).count().max(15);
             copy.control_dict(
                 &format!(
-                    "startFrom startTime;\nstartTime {};\nendTime {};\nwriteControl adjustableRunTime;\nwriteInterval {};",
+                    "startFrom startTime;\nstartTime {};\ntimePrecision {precision};\nendTime {};\nwriteControl adjustableRunTime;\nwriteInterval {};",
                     from.0,
                     to.0,
                     to.1 - from.1
