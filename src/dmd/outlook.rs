@@ -15,6 +15,13 @@ use serde::{Deserialize, Serialize};
 /// period is by a half, one of fourteen by a fortieth.
 const UNRESOLVED: f64 = 0.5;
 
+/// Part of a stride behind which a fit is compared with the solver between samples: waves of one, two, three ... periods a stride, which
+/// samples take for slow ones, are far from these there.
+const BETWEEN: f64 = 0.35;
+
+/// Error there, over that of holding the sample, from which on a fit is wrong: such a wave has about 1.
+const WRONG: f64 = 0.5;
+
 /// What a fit says of the times after a sample, whatever comes after it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outlook {
@@ -329,6 +336,34 @@ impl OnlineDmd {
             FieldError { name: field.name.clone(), error: over(error), hold }
         });
         Some(errors.collect())
+    }
+
+    /// Whether the fit is to be compared with the solver's state at this time, to which its last step, s, has led: behind the last of its
+    /// samples, as what changes later says nothing of them. One with inputs asks for what is prescribed itself ([`resolves`](Self::resolves)).
+    pub fn is_between(&self, time: f64, delta_t: f64) -> bool {
+        let new = |fit: &Fit| fit.numbers.last().copied() == self.state.present;
+        let free = |fit: &&Fit| matches!(fit.model, Model::Free(_));
+        let (Some(before), Some(here)) = (self.since(time - delta_t), self.since(time)) else { return false };
+        self.state.fit.as_ref().filter(free).is_some_and(new)
+            && before < BETWEEN
+            && (BETWEEN..1.0 - SAME).contains(&here)
+    }
+
+    /// The error of the fit at this time, which [is between](Self::is_between) samples, over that of holding the last one, where the fit is
+    /// wrong there: its samples have missed faster waves. Collective.
+    pub fn wrong_between(&self, time: f64, fields: &[&[f64]]) -> Option<f64> {
+        let fit = self.state.fit.as_ref()?;
+        let prediction = self.predict(self.since(time)?)?;
+        let errors = self.snapshots.distances(&prediction, fields);
+        let changes = self.snapshots.distances(&self.at(self.state.present?)?, fields);
+        let least = self.least();
+        let over = |squares: &[f64]| {
+            squares.iter().zip(&fit.variation).filter(|(_, v)| **v > 0.0).map(|(s, v)| s / v).sum::<f64>()
+        };
+        let changes: Vec<f64> =
+            changes.iter().zip(&least).map(|(change, least)| change.max(*least)).collect();
+        let error = (over(&errors) / over(&changes)).sqrt();
+        (error >= WRONG).then_some(error)
     }
 
     fn at(&self, number: i64) -> Option<Combination> {

@@ -328,6 +328,24 @@ impl Snapshots {
         sum.max(0.0)
     }
 
+    /// Of each field the square of the difference of a combination from a state that is not kept; 0 where it is no part of the inner product.
+    /// Collective.
+    pub(crate) fn distances(&self, combination: &Combination, state: &[&[f64]]) -> Vec<f64> {
+        let square = |(f, x): (usize, &&[f64])| {
+            let (field, mut sum) = (&self.fields[f], Sum::default());
+            if enters(field) {
+                let mut off = vec![0.0; x.len()];
+                self.combine(f, combination, &mut off);
+                off.iter_mut().zip(*x).for_each(|(o, x)| *o -= x);
+                let mut weighted = off.clone();
+                weigh(field, 0, &mut weighted);
+                Arch::new().dispatch(Dot { sum: &mut sum, a: &weighted, b: &off });
+            }
+            sum
+        };
+        sum_all(&self.comm, &state.iter().enumerate().map(square).collect::<Vec<Sum>>())
+    }
+
     /// The kept state of this number as a combination.
     pub(crate) fn single(&self, number: i64) -> Option<Combination> {
         let slot = self.slot(number)?;

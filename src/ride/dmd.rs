@@ -268,7 +268,9 @@ impl DmdSurrogate {
 
     /// Whether the state after this step of the solver is wanted.
     pub(crate) fn wants(&self, step: &Step) -> bool {
-        self.other_interval(step.delta_t).is_some() || self.online.wants(step.time, step.delta_t)
+        self.other_interval(step.delta_t).is_some()
+            || self.online.wants(step.time, step.delta_t)
+            || self.online.is_between(step.time, step.delta_t)
     }
 
     /// The solver has made this step, whose state is taken, if it was wanted.
@@ -280,6 +282,13 @@ impl DmdSurrogate {
     /// Takes the state after a step of the solver. `cuts`: a stride may begin here that cuts the start-up short. [`Error::Input`] for a state
     /// that does not fit.
     pub(crate) fn observe(&mut self, step: &Step, state: &[&[f64]], cuts: bool) -> Result<Seen> {
+        let arrays: Vec<&[f64]> = self.places.iter().map(|&i| state[i]).collect();
+        let is_between = self.online.is_between(step.time, step.delta_t);
+        let between = is_between.then(|| self.online.wrong_between(step.time, &arrays)).flatten();
+        if between.is_some() {
+            self.online.forget();
+            self.now.interval.missed(self.description.stride);
+        }
         let interval = self.other_interval(step.delta_t);
         if let Some(interval) = interval {
             self.online.begin_anew(interval, step.time);
@@ -292,10 +301,9 @@ impl DmdSurrogate {
         }
         let period = self.now.interval.period();
         let outlook = self.online.outlook();
-        let arrays: Vec<&[f64]> = self.places.iter().map(|&i| state[i]).collect();
         let snapshots = self.online.offer(step.time, step.delta_t, &arrays)?;
         if snapshots == 0 {
-            return Ok(Seen { interval, period, ..Seen::default() });
+            return Ok(Seen { interval, period, between, ..Seen::default() });
         }
         self.now.begin = step.time;
         self.now.offset = self.online.since(step.time).unwrap_or(0.0).max(0.0);
@@ -306,7 +314,7 @@ impl DmdSurrogate {
             (errors.map_or(f64::INFINITY, |e| relative(&e)), jumped)
         });
         let wave = if cuts && self.settings.cut_transient { self.look() } else { None };
-        Ok(Seen { interval, period, snapshots, contiguous: self.online.usable(), error, wave })
+        Ok(Seen { interval, period, between, snapshots, contiguous: self.online.usable(), error, wave })
     }
 
     /// Whether a stride is due that changes the state: the start-up is cut short.

@@ -79,30 +79,45 @@ impl FitControl {
         self.jumped_by_others += strides;
     }
 
-    /// Takes the state after a step of the solver; `cuts`: a stride may begin here that cuts the start-up short. Says what came of it. Collective.
+    /// Takes the state after a step of the solver; `cuts`: a stride may begin here that cuts the start-up short. Says what came of it, and
+    /// whether what was measured of the fit is void. Collective.
     pub fn observe(
         &mut self,
         fits: &mut DmdSurrogate,
         step: &Step,
         (state, cuts): (&[&[f64]], bool),
         decisions: &mut Decisions,
-    ) -> Result<String> {
+    ) -> Result<(String, bool)> {
         let seen = fits.observe(step, state, cuts)?;
         let mut text = String::new();
+        let void = seen.interval.is_some() || seen.between.is_some();
+        if let Some(error) = seen.between {
+            self.errors.clear();
+            let decided =
+                json!({ "error": error, "after_jump": false, "between": true, "decision": "dropped" });
+            decisions.tell(step, "fit_stride", &decided);
+            let advice = if seen.interval.is_some() { "" } else { "; expected a smaller snapshotInterval" };
+            text = format!(
+                "m4gn: time {}: between its states the fit had an error of {error:.3} of holding, as they miss faster waves; the fit is \
+                 dropped{advice}\n\n",
+                step.name
+            );
+        }
         if let Some(interval) = seen.interval {
             (self.tried, self.length) = (0, fits.rules().initial_jump as f64);
             self.errors.clear();
             let why = match seen.period {
+                _ if seen.between.is_some() => "the fit was dropped".into(),
                 Some(period) => format!("fits show a period of {period:.3e} s"),
                 None => format!("the solver's step is {:.3e} s", step.delta_t),
             };
-            text = format!(
+            text += &format!(
                 "m4gn: time {}: {why}: states are kept {interval:.3e} s apart from here on\n\n",
                 step.name
             );
         }
         if seen.snapshots == 0 {
-            return Ok(text);
+            return Ok((text, void));
         }
         if let Some((error, jumped)) = seen.error {
             text += &self.compare(fits, step, (error, jumped), decisions);
@@ -114,7 +129,7 @@ impl FitControl {
             // The window begins anew.
             (self.tried, self.contiguous) = (0, 0);
             self.errors.clear();
-            return Ok(text);
+            return Ok((text, void));
         }
         self.tried += seen.snapshots;
         self.contiguous = seen.contiguous;
@@ -122,7 +137,7 @@ impl FitControl {
         if seen.contiguous >= least && (self.tried >= every || seen.contiguous == least) {
             text += &self.fit(fits, step, decisions);
         }
-        Ok(text)
+        Ok((text, void))
     }
 
     /// Tries a fit. Says what came of it.

@@ -79,6 +79,14 @@ impl Interval {
         self.found.and(self.period)
     }
 
+    /// A fit of states so far apart (s) was wrong between them: they have missed faster waves.
+    pub fn missed(&mut self, present: f64) {
+        if self.changes < CHANGES {
+            (self.found, self.period) = (Some(present / FARTHEST), None);
+            self.changes += 1;
+        }
+    }
+
     /// Takes the modes of a fit, largest share of the energy first. `present`: the interval, `span`: of the window, s. One that `holds` has no
     /// period by chance, and asks for no longer interval. Whether the period wants another one.
     pub fn take(&mut self, modes: &[Mode], present: f64, span: f64, holds: bool) -> bool {

@@ -234,14 +234,17 @@ impl<'a> Ride<'a> {
             for candidate in &mut self.candidates {
                 let stride = candidate.stride();
                 let cuts = cuts && self.schedule.fits(&self.step, self.step.delta_t, stride, 1.0);
+                let mut void = false;
                 if let (Some(control), Some(fits)) =
                     (&mut candidate.fit_control, candidate.surrogate.fits_mut())
                     && fits.wants(&self.step)
                 {
-                    self.log.text +=
-                        &control.observe(fits, &self.step, (state, cuts), &mut self.decisions)?;
+                    let (said, none) =
+                        control.observe(fits, &self.step, (state, cuts), &mut self.decisions)?;
+                    self.log.text += &said;
+                    void = none;
                 }
-                if candidate.stride() != stride {
+                if void {
                     candidate.begin_anew();
                 }
             }

@@ -127,6 +127,8 @@ pub struct Seen {
     pub interval: Option<f64>,
     /// The period of the flow that the interval follows from, s; none: it follows from the settings or the solver's step.
     pub period: Option<f64>,
+    /// Error of the fit between its snapshots, over that of holding the last one, for which it is dropped; none: it was right, or not looked at.
+    pub between: Option<f64>,
     /// Snapshots that came of it.
     pub snapshots: usize,
     /// Snapshots without a gap up to now.

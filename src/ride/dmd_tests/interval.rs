@@ -55,6 +55,28 @@ fn the_stride_is_shorter_where_a_period_has_few_steps() {
     assert!(!host.jumps.is_empty() && host.worst < 0.1, "{} {:?}\n{}", host.worst, host.jumps, host.log);
 }
 
+/// 25 steps are nearly a period: states show a wave of sixteen times that, and a fit of them holds and is wrong between them.
+#[test]
+fn states_that_miss_waves_are_set_nearer() {
+    let settings = r#"{"mode": "replace", "surrogates": ["dmd"], "control": {"tolerance": 1, "relTol": 1}, "dmd": {"initialJump": 5, "window": 24INTERVAL}}"#;
+    let run = |interval: &str| {
+        let settings = settings.replace("INTERVAL", interval);
+        let mut host = Host::new(&settings, 0.0, 0, 160.0, solver(0.0, 1e9));
+        (host.delta_t, host.looks) = (|_| 0.124, 1.0);
+        let begin = Step { delta_t: 0.124, ..host.now() };
+        host.ride =
+            Ride::new(Comm::serial(), guest(), RideSettings::parse(&settings).unwrap(), begin).unwrap();
+        host.run(1e9, |_| false);
+        assert!(host.log.contains("between its states the fit had an error of 1."), "{}", host.log);
+        host
+    };
+    let host = run("");
+    assert!(!host.jumps.is_empty() && host.worst < 0.1, "{} {:?}\n{}", host.worst, host.jumps, host.log);
+    let host = run(", \"snapshotInterval\": 3.1");
+    assert!(host.log.contains("expected a smaller snapshotInterval"), "{}", host.log);
+    assert!(host.jumps.is_empty(), "{:?}\n{}", host.jumps, host.log);
+}
+
 /// An interval that is shorter than the steps is doubled until it is not.
 #[test]
 fn states_are_no_nearer_than_steps() {
