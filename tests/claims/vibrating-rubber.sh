@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Takes minutes.
-# README, results: the rows of three rubber beams in vibration, by the commands of docs/tutorials/solids4foam-beam.md, on the first of its draws and to
+# README, results: the rows of twelve rubber beams in vibration, by the commands of docs/tutorials/solids4foam-beam.md, on the first of its draws and to
 # 3.1 s, without the row of a4. The plain run is beside m4gnAnderson: the solver's own answer (tests/e2e/solids4foam-anderson.sh) in a third of the time.
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 needs_solids4foam
