@@ -144,11 +144,6 @@ fn weights(args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// Whether a name says that one file for others is written.
-fn is_of_others(out: &Path) -> bool {
-    out.extension().is_some_and(|e| e == "npz" || e == "pvd")
-}
-
 /// Files of others to trajectories.
 fn into(args: &Args) -> Result<()> {
     if args.kind.is_some() {
@@ -157,7 +152,7 @@ fn into(args: &Args) -> Result<()> {
             args.input.display()
         )));
     }
-    refuse(is_of_others(&args.out), Error::Input, || {
+    refuse(args.out.extension().is_some_and(|e| e == "npz" || e == "pvd"), Error::Input, || {
         format!(
             "--out {}: {} becomes trajectories first: give NAME.h5 or a folder, and convert that",
             args.out.display(),
@@ -186,7 +181,7 @@ fn out(args: &Args) -> Result<()> {
     not_imported(args)?;
     let ending = args.out.extension().and_then(|e| e.to_str());
     let kind = match (args.kind, ending) {
-        (Some(_), _) if is_of_others(&args.out) => {
+        (Some(_), Some("npz" | "pvd")) => {
             return Err(Error::Input("--as: the name of --out says it: leave it out".into()));
         }
         (Some(kind @ (Kind::Npz | Kind::Vtu)), _) => kind,

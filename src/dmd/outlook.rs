@@ -3,7 +3,7 @@
 use crate::choose::{prescribed, spread, typical};
 use crate::dmd::Dmd;
 use crate::driven::Driven;
-use crate::fit::{FieldError, Fit, Model};
+use crate::fit::{FieldError, Fit, Model, relative};
 use crate::online::{OnlineDmd, Predicted, is_passed_next};
 use crate::sampling::SAME;
 use crate::snapshots::Combination;
@@ -349,21 +349,20 @@ impl OnlineDmd {
             && (BETWEEN..1.0 - SAME).contains(&here)
     }
 
-    /// The error of the fit at this time, which [is between](Self::is_between) samples, over that of holding the last one, where the fit is
-    /// wrong there: its samples have missed faster waves. Collective.
-    pub fn wrong_between(&self, time: f64, fields: &[&[f64]]) -> Option<f64> {
-        let fit = self.state.fit.as_ref()?;
+    /// The error of the fit where it [is between](Self::is_between) samples, over that of holding the last one, if it is wrong there: its
+    /// samples have missed faster waves. None elsewhere. Collective.
+    pub fn wrong_between(&self, time: f64, delta_t: f64, state: &[&[f64]]) -> Option<f64> {
+        let fit = self.state.fit.as_ref().filter(|_| self.is_between(time, delta_t))?;
         let prediction = self.predict(self.since(time)?)?;
-        let errors = self.snapshots.distances(&prediction, fields);
-        let changes = self.snapshots.distances(&self.at(self.state.present?)?, fields);
+        let errors = self.snapshots.distances(&prediction, state);
+        let changes = self.snapshots.distances(&self.at(self.state.present?)?, state);
         let least = self.least();
-        let over = |squares: &[f64]| {
-            squares.iter().zip(&fit.variation).filter(|(_, v)| **v > 0.0).map(|(s, v)| s / v).sum::<f64>()
-        };
-        let changes: Vec<f64> =
-            changes.iter().zip(&least).map(|(change, least)| change.max(*least)).collect();
-        let error = (over(&errors) / over(&changes)).sqrt();
-        (error >= WRONG).then_some(error)
+        let fields = self.snapshots.fields().iter().enumerate().zip(&fit.variation);
+        let all = fields.filter(|(_, v)| **v > 0.0).map(|((f, field), v)| {
+            let [error, hold] = [errors[f], changes[f].max(least[f])].map(|square| (square / v).sqrt());
+            FieldError { name: field.name.clone(), error, hold }
+        });
+        Some(relative(&all.collect::<Vec<_>>())).filter(|error| *error >= WRONG)
     }
 
     fn at(&self, number: i64) -> Option<Combination> {

@@ -283,10 +283,9 @@ impl DmdSurrogate {
     /// that does not fit.
     pub(crate) fn observe(&mut self, step: &Step, state: &[&[f64]], cuts: bool) -> Result<Seen> {
         let arrays: Vec<&[f64]> = self.places.iter().map(|&i| state[i]).collect();
-        let is_between = self.online.is_between(step.time, step.delta_t);
-        let between = is_between.then(|| self.online.wrong_between(step.time, &arrays)).flatten();
+        let between = self.online.wrong_between(step.time, step.delta_t, &arrays);
         if between.is_some() {
-            self.online.forget();
+            self.drop_fit();
             self.now.interval.missed(self.description.stride);
         }
         let interval = self.other_interval(step.delta_t);

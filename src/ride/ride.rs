@@ -239,10 +239,9 @@ impl<'a> Ride<'a> {
                     (&mut candidate.fit_control, candidate.surrogate.fits_mut())
                     && fits.wants(&self.step)
                 {
-                    let (said, none) =
-                        control.observe(fits, &self.step, (state, cuts), &mut self.decisions)?;
-                    self.log.text += &said;
-                    void = none;
+                    let text;
+                    (text, void) = control.observe(fits, &self.step, (state, cuts), &mut self.decisions)?;
+                    self.log.text += &text;
                 }
                 if void {
                     candidate.begin_anew();
