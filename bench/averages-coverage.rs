@@ -1,25 +1,42 @@
 //! How often the intervals of m4gn-averages hold, and how often a run would have been stopped too early, on processes whose means are
-//! known; beside the criterion `average` of OpenFOAM's runTimeControl on the same series.
+//! known, or on pieces of a long run's table; beside the criterion `average` of OpenFOAM's runTimeControl on the same series.
 //!
 //!     cargo run --release -p m4gn-averages --example averages-coverage [-- SERIES [PROCESS]]
+//!     cargo run --release -p m4gn-averages --example averages-coverage -- SERIES START COLUMN,... TABLE...
+//!
+//! Of a table the true mean and rms are those of all its columns from the time START on. Its pieces begin at equal distances within its first
+//! three quarters, also before START, and may go on to its end.
 
 #[path = "../src/averages/processes.rs"]
 mod processes;
 
-use m4gn_averages::{Estimate, Goal, Row, Series, Tolerance, Watch, estimate};
+use m4gn_averages::{Estimate, Goal, Row, Series, Tolerance, Watch, estimate, table};
 use processes::{ALL, Kind, Process};
+use std::path::Path;
 
-fn main() {
-    let count: u64 = std::env::args().nth(1).and_then(|a| a.parse().ok()).unwrap_or(200);
-    let only = std::env::args().nth(2).unwrap_or_default();
-    let chosen = || ALL.into_iter().filter(|(name, _)| name.contains(&only));
-    println!("{count} series of each process, 95 % intervals, each with a transient of five rms.");
-    println!("Lengths in independent samples of the mean, of Lorenz z and the sines in periods.\n");
+fn main() -> m4gn_base::Result<()> {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    let count = args.first().and_then(|a| a.parse().ok()).unwrap_or(200);
+    let sources: Vec<(String, Vec<Source>)> = match args.get(1..) {
+        Some([start, columns, tables @ ..]) => {
+            let start = start.parse().expect("START, a time in s");
+            let all: m4gn_base::Result<Vec<Source>> =
+                tables.iter().map(|path| Source::of_table(Path::new(path), columns, start)).collect();
+            vec![(format!("column {columns}"), all?)]
+        }
+        _ => {
+            let only = args.get(1).map_or("", String::as_str);
+            let chosen = ALL.into_iter().filter(|(name, _)| name.contains(only));
+            chosen.map(|(name, kind)| (name.to_string(), vec![Source::of_process(kind)])).collect()
+        }
+    };
+    println!("{count} series of each source, 95 % intervals; processes begin with a transient of five rms.");
+    println!("Lengths in independent samples of the mean, of what repeats itself in periods.\n");
     println!("Fixed lengths: share of intervals that hold the true value, %\n");
-    println!("| process | length | mean | rms |\n| --- | --- | --- | --- |");
-    for (name, kind) in chosen() {
+    println!("| source | length | mean | rms |\n| --- | --- | --- | --- |");
+    for (name, sources) in &sources {
         for length in [50.0, 200.0, 800.0] {
-            let [mean, rms] = fixed(kind, length, count);
+            let [mean, rms] = fixed(sources, length, count);
             println!("| {name} | {length} | {mean:.1} | {rms:.1} |");
         }
     }
@@ -30,18 +47,71 @@ fn main() {
         "of it. False: farther off than the tolerance, of all that stop, %. Rows: over those of the length.\n"
     );
     println!(
-        "| process | length | mean: stops | holds | false | rows | rms: stops | holds | false | runTimeControl: stops | false | rows |"
+        "| source | length | mean: stops | holds | false | rows | rms: stops | holds | false | runTimeControl: stops | false | rows |"
     );
     println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
-    for (name, kind) in chosen() {
+    for (name, sources) in &sources {
         for length in [30.0, 100.0, 400.0] {
-            let [mean, rms, foam] = sequential(kind, length, count);
+            let [mean, rms, foam] = sequential(sources, length, count);
             println!(
                 "| {name} | {length} | {} | {} | {} |",
                 mean.all(),
                 rms.without_rows(),
                 foam.without_holds()
             );
+        }
+    }
+    Ok(())
+}
+
+/// Where series come from, with the true mean, the true rms of the fluctuations, and rows for one independent sample of the mean.
+struct Source {
+    truth: (f64, f64, f64),
+    from: From,
+}
+
+enum From {
+    Process(Kind),
+    /// Rows of each column.
+    Table(Vec<Vec<Row>>),
+}
+
+impl Source {
+    fn of_process(kind: Kind) -> Self {
+        Source { truth: kind.truth(), from: From::Process(kind) }
+    }
+
+    fn of_table(path: &Path, columns: &str, start: f64) -> m4gn_base::Result<Self> {
+        let columns: Vec<table::Column> =
+            columns.split(',').map(|name| table::read(path, name)).collect::<m4gn_base::Result<_>>()?;
+        let found: Vec<Estimate> = columns.iter().filter_map(|c| estimate(&c.series(start), 0.95)).collect();
+        let mean_of = |of: &dyn Fn(&Estimate) -> f64| found.iter().map(of).sum::<f64>() / found.len() as f64;
+        let mean = mean_of(&|e| e.mean);
+        let rms = mean_of(&|e| e.rms.powi(2) + (e.mean - mean).powi(2)).sqrt();
+        let per = mean_of(&|e| e.rows as f64 / e.periods.map_or(e.independent_samples, |n| n as f64));
+        eprintln!("{}: mean {mean:.6}, rms {rms:.6}, {per:.1} rows for a sample", path.display());
+        let rows = columns.iter().map(|c| c.series(f64::NEG_INFINITY).rows().to_vec()).collect();
+        Ok(Source { truth: (mean, rms, per), from: From::Table(rows) })
+    }
+
+    /// Series `i` of `count`; one of a process begins with a transient, is of seed `seeds` + `i`, and does not end.
+    fn series(&self, i: u64, count: u64, seeds: u64) -> Box<dyn Iterator<Item = Row> + '_> {
+        match &self.from {
+            From::Process(kind) => {
+                let mut process = Process::new(*kind, seeds + i, true);
+                let mut time = 0.0;
+                Box::new(std::iter::repeat_with(move || {
+                    let (weight, value) = process.next_row();
+                    time += weight;
+                    Row { time, value, weight, surrogate: false }
+                }))
+            }
+            From::Table(columns) => {
+                let (i, number) = (i as usize, columns.len());
+                let rows = &columns[i % number];
+                let begin = (i / number) * (rows.len() * 3 / 4) / (count as usize).div_ceil(number);
+                Box::new(rows[begin..].iter().copied())
+            }
         }
     }
 }
@@ -81,51 +151,39 @@ impl Tally {
     }
 }
 
-/// Rows of a process from its beginning on.
-struct Rows {
-    process: Process,
-    time: f64,
-}
-
-impl Rows {
-    fn new(kind: Kind, seed: u64) -> Self {
-        Rows { process: Process::new(kind, seed, true), time: 0.0 }
-    }
-
-    fn next(&mut self) -> Row {
-        let (weight, value) = self.process.next_row();
-        self.time += weight;
-        Row { time: self.time, value, weight, surrogate: false }
-    }
-}
-
-/// Shares of the intervals of mean and rms that hold.
-fn fixed(kind: Kind, length: f64, count: u64) -> [f64; 2] {
-    let (mean, rms, per) = kind.truth();
-    let mut held = [0.0; 2];
-    for seed in 0..count {
-        let mut rows = Rows::new(kind, seed);
+/// Shares of the intervals of mean and rms that hold, %, of `count` series of all sources.
+fn fixed(sources: &[Source], length: f64, count: u64) -> [f64; 2] {
+    let (mut held, mut all) = ([0.0; 2], 0.0);
+    for (source, i, of) in each(sources, count) {
+        let (mean, rms, per) = source.truth;
+        let rows = ((length * per) as usize).max(64);
         let mut series = Series::default();
-        for _ in 0..((length * per) as usize).max(64) {
-            series.push(rows.next());
+        for row in source.series(i, of, 0).take(rows) {
+            series.push(row);
         }
-        if let Some(found) = estimate(&series, 0.95) {
+        if let Some(found) = estimate(&series, 0.95).filter(|found| found.rows == rows) {
+            all += 1.0;
             held[0] += f64::from((found.mean - mean).abs() <= found.half_width);
             held[1] += f64::from((found.rms - rms).abs() <= found.rms_half_width);
         }
     }
-    held.map(|h| 100.0 * h / count as f64)
+    held.map(|h| 100.0 * h / all)
+}
+
+/// Series of all sources, `count` together: the source, the number of the series in it, and how many it has.
+fn each(sources: &[Source], count: u64) -> impl Iterator<Item = (&Source, u64, u64)> {
+    let of = count.div_ceil(sources.len() as u64);
+    sources.iter().flat_map(move |source| (0..of).map(move |i| (source, i, of)))
 }
 
 /// Runs until the mean is settled, until the rms is, and until runTimeControl stops.
-fn sequential(kind: Kind, length: f64, count: u64) -> [Tally; 3] {
-    let (mean, rms, per) = kind.truth();
-    let tolerance = 1.96 * rms / length.sqrt();
-    let rms_tolerance = rms / length.sqrt();
-    let longest = (20.0 * length * per).max(8000.0) as usize;
+fn sequential(sources: &[Source], length: f64, count: u64) -> [Tally; 3] {
     let mut tallies: [Tally; 3] = Default::default();
-    for seed in 0..count {
-        let mut rows = Rows::new(kind, 1_000_000 + seed);
+    for (source, i, of) in each(sources, count) {
+        let (mean, rms, per) = source.truth;
+        let tolerance = 1.96 * rms / length.sqrt();
+        let rms_tolerance = rms / length.sqrt();
+        let longest = (20.0 * length * per).max(8000.0) as usize;
         let goal = |mean: Option<f64>, rms: Option<f64>| Goal {
             mean: mean.map(Tolerance::Absolute),
             rms: rms.map(Tolerance::Absolute),
@@ -133,9 +191,8 @@ fn sequential(kind: Kind, length: f64, count: u64) -> [Tally; 3] {
         let mut watches =
             [goal(Some(tolerance), None), goal(None, Some(rms_tolerance))].map(|g| Some(Watch::new(0.95, g)));
         let mut foam = Some(RunTimeControl::new(tolerance));
-        for i in 1..=longest {
-            let row = rows.next();
-            let share = i as f64 / (length * per);
+        for (k, row) in source.series(i, of, 1_000_000).take(longest).enumerate() {
+            let share = (k + 1) as f64 / (length * per);
             for (k, place) in watches.iter_mut().enumerate() {
                 let Some(found) = place.as_mut().and_then(|watch| settled(watch, row)) else { continue };
                 let (off, half_width, limit) = match k {
