@@ -22,9 +22,10 @@ struct Fit {
     /// Over the duration: in seconds the equations of a record of microseconds, or of months, look singular.
     times: Vec<f64>,
     duration: f64,
+    /// About the line that fits best: there is nothing large for a small sine to be lost in.
     values: Vec<f64>,
     weights: Vec<f64>,
-    /// Weighted sum of squares left by the line alone.
+    /// Weighted sum of squares of the values.
     around_line: f64,
 }
 
@@ -42,33 +43,29 @@ impl Fit {
             weights: rows.iter().map(|r| r.weight * (0.5 - 0.5 * phase(r.time).cos())).collect(),
             around_line: 0.0,
         };
-        let line = fit.solve(|t| [1.0, t])?;
-        fit.around_line = fit.residual(|t| line[0] + line[1] * t);
-        let scale: f64 = fit.weights.iter().zip(&fit.values).map(|(w, v)| w * v * v).sum();
+        let scale = fit.squares();
+        let ([offset, slope], _) = fit.solve(|t| [1.0, t])?;
+        fit.values.iter_mut().zip(&fit.times).for_each(|(v, t)| *v -= offset + slope * t);
+        fit.around_line = fit.squares();
         (fit.around_line > 1e-24 * scale && fit.around_line.is_finite()).then_some(fit)
     }
 
-    fn basis(periods: f64) -> impl Fn(f64) -> [f64; 4] {
-        move |t| {
-            let (sin, cos) = (std::f64::consts::TAU * periods * t).sin_cos();
-            [1.0, t, cos, sin]
-        }
+    fn squares(&self) -> f64 {
+        self.weights.iter().zip(&self.values).map(|(w, v)| w * v * v).sum()
     }
 
+    /// Part of the squares that the best sine of this frequency explains.
     fn explained(&self, frequency: f64) -> f64 {
-        let basis = Self::basis(frequency * self.duration);
-        let Some(c) = self.solve(&basis) else { return 0.0 };
-        let left = self.residual(|t| basis(t).iter().zip(&c).map(|(b, c)| b * c).sum());
-        1.0 - left / self.around_line
+        let basis = |t: f64| {
+            let (sin, cos) = (std::f64::consts::TAU * frequency * self.duration * t).sin_cos();
+            [1.0, t, cos, sin]
+        };
+        let Some((coefficients, right)) = self.solve(basis) else { return 0.0 };
+        coefficients.iter().zip(right).map(|(c, r)| c * r).sum::<f64>() / self.around_line
     }
 
-    fn residual(&self, model: impl Fn(f64) -> f64) -> f64 {
-        let terms = self.times.iter().zip(&self.values).zip(&self.weights);
-        terms.map(|((&t, v), w)| w * (v - model(t)).powi(2)).sum()
-    }
-
-    /// Coefficients of the weighted normal equations; none where they are singular.
-    fn solve<const M: usize>(&self, basis: impl Fn(f64) -> [f64; M]) -> Option<[f64; M]> {
+    /// Coefficients and right-hand side of the weighted normal equations; none where they are singular.
+    fn solve<const M: usize>(&self, basis: impl Fn(f64) -> [f64; M]) -> Option<([f64; M], [f64; M])> {
         let mut matrix = [[0.0; M]; M];
         let mut right = [0.0; M];
         for ((&t, &value), &w) in self.times.iter().zip(&self.values).zip(&self.weights) {
@@ -80,7 +77,7 @@ impl Fit {
                 }
             }
         }
-        eliminate(matrix, right)
+        Some((eliminate(matrix, right)?, right))
     }
 }
 
