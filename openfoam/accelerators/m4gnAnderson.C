@@ -6,6 +6,8 @@
 #include "m4gnDictionary.H"
 #include "m4gnFieldFiles.H"
 #include "m4gnLastStep.H"
+#include "m4gnSolidDisplacement.H"
+#include "m4gnSolidLaw.H"
 #include "pointFields.H"
 #include "surfaceFields.H"
 #include "volFields.H"
@@ -98,15 +100,17 @@ void Foam::functionObjects::m4gnAnderson::start()
     // When it acts all others have been executed, but m4gnSurrogate jumps then
     m4gn::checkLast(*this, time_, "the next time step", "m4gnSurrogate");
 
-    why_ = "solids4Foam solves for no solid on the mesh " + mesh_.name();
-    if (!m4gn::solidModel(mesh_).empty()) {
-        law_ = m4gnSolidLaw::New(mesh_, &why_);
+    why_ = "neither solids4Foam nor solidDisplacementFoam solves for a solid on the mesh " + mesh_.name();
+    if (m4gnSolidDisplacement::registered(mesh_)) {
+        correctors_.reset(new m4gnSolidDisplacement(mesh_));
+    } else if (!m4gn::solidModel(mesh_).empty()) {
+        correctors_.reset(m4gnSolidLaw::New(mesh_, &why_).release());
     }
-    if (law_) {
-        why_ = law_->cannotStep();
+    if (correctors_) {
+        why_ = correctors_->cannotStep();
     }
     if (!why_.empty()) {
-        law_.clear();
+        correctors_.clear();
         Info << "m4gn: " << name() << " leaves all time steps to the solver: " << why_.c_str() << nl << endl;
     }
 }
@@ -187,7 +191,7 @@ void Foam::functionObjects::m4gnAnderson::account()
 void Foam::functionObjects::m4gnAnderson::solveNext()
 {
     const scalar deltaT = time_.deltaTValue();
-    if (!law_ || time_.value() > time_.endTime().value() - 0.5 * deltaT) {
+    if (!correctors_ || time_.value() > time_.endTime().value() - 0.5 * deltaT) {
         return;
     }
     began_ = processorTime();
@@ -213,7 +217,7 @@ void Foam::functionObjects::m4gnAnderson::solveNext()
         storeOldTimes<surfaceSymmTensorField>(mesh_);
         storeOldTimes<pointVectorField>(mesh_);
 
-        nCorrectors = law_->step(max(affordable(), latest_));
+        nCorrectors = correctors_->step(max(affordable(), latest_));
     }
     attempt_ = processorTime() - began_;
     solved_ = nCorrectors >= 0;
@@ -276,7 +280,7 @@ bool Foam::functionObjects::m4gnAnderson::execute()
     }
     start();
     due_ = true;
-    if (law_ && index_ >= 0) {
+    if (correctors_ && index_ >= 0) {
         if (nSolved_ + nLeft_ <= 2) {
             written_ = written_ && time_.writeTime();
         }
@@ -290,7 +294,7 @@ bool Foam::functionObjects::m4gnAnderson::write() { return true; }
 
 bool Foam::functionObjects::m4gnAnderson::end()
 {
-    if (law_) {
+    if (correctors_) {
         Info << "m4gn: " << nSolved_ << " time steps solved ahead in " << nCorrectors_ << " correctors and "
              << spent_ << " s, " << nLeft_ << " left to the solver" << nl << endl;
     }

@@ -3,7 +3,6 @@
 #include "m4gnSolids4FoamLaw.H"
 #include "fvc.H"
 #include "fvm.H"
-#include "m4gnExplicitStress.H"
 #include "m4gnMixing.H"
 #include "m4gnVersion.H"
 #include "solidModel.H"
@@ -50,6 +49,19 @@ solidTractionFvPatchVectorField* loaded(fvPatchVectorField& patch)
 {
     return patch.type() == "rigidCylinderContact" ? &refCast<solidTractionFvPatchVectorField>(patch)
                                                   : nullptr;
+}
+
+//- Largest change of a field's boundary values over all ranks
+scalar boundaryChange(const volVectorField::Boundary& before, const volVectorField& u)
+{
+    scalar largest = 0;
+    forAll(before, patchi) {
+        if (before[patchi].size()) {
+            largest = max(largest, max(mag(u.boundaryField()[patchi] - before[patchi])));
+        }
+    }
+
+    return returnReduce(largest, maxOp<scalar>());
 }
 
 } // End anonymous namespace
@@ -108,7 +120,7 @@ bool Foam::m4gnSolids4FoamLaw::take(
         const volVectorField::Boundary before(boundary);
         evaluateBoundary(tractions(true));
 
-        const scalar change = m4gnExplicitStress::change(before, u);
+        const scalar change = boundaryChange(before, u);
         first = max(first, change);
         if (sweep && change <= max(tolerance, conditionTolerance * first)) {
             // Where cells are orthogonal to the boundary nothing has changed

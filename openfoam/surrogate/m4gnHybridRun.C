@@ -3,7 +3,7 @@
 #include "m4gnHybridRun.H"
 #include "m4gnCore.H"
 #include "m4gnDictionary.H"
-#include "m4gnExplicitStress.H"
+#include "m4gnSolidDisplacement.H"
 #include "m4gnCaseChecks.H"
 #include "m4gnVersion.H"
 #include "OSspecific.H"
@@ -161,7 +161,7 @@ void Foam::m4gnHybridRun::checkDictionary(const dictionary& dict)
 
 Foam::label Foam::m4gnHybridRun::correctors() const
 {
-    if (!m4gnExplicitStress::registered(mesh_)) {
+    if (!m4gnSolidDisplacement::registered(mesh_)) {
         return -1;
     }
 

@@ -2,7 +2,7 @@
 
 #include "m4gnJump.H"
 #include "m4gnCaseChecks.H"
-#include "m4gnExplicitStress.H"
+#include "m4gnSolidDisplacement.H"
 #include "m4gnLastStep.H"
 #include "m4gnOwnFields.H"
 #include "m4gnClock.H"
@@ -256,9 +256,9 @@ void Foam::m4gnJump::writeState()
         return;
     }
     time_.write();
-    if (m4gnExplicitStress::registered(mesh_)) {
+    if (m4gnSolidDisplacement::registered(mesh_)) {
         // solidDisplacementFoam makes it of sigmaD when it writes
-        m4gnExplicitStress::write(mesh_);
+        m4gnSolidDisplacement::write(mesh_);
     }
 }
 
