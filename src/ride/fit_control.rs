@@ -251,7 +251,7 @@ impl FitControl {
             decision = if good { "longer" } else { "shorter" };
             let _ = write!(text, "; the next jump may have {} strides", self.length as usize);
         } else if !good {
-            let (name, limit) = match jumped {
+            let (name, limit) = match jumped || limit == rules.jump_tolerance {
                 true => ("jumpTolerance", rules.jump_tolerance),
                 false => ("fitTolerance, or twice the error of the fit,", limit),
             };
