@@ -298,7 +298,7 @@ bool Foam::functionObjects::m4gnAverages::fromSurrogate() const
 bool Foam::functionObjects::m4gnAverages::check(const bool due)
 {
     bool all = true, any = false;
-    std::string row(m4gn::text(time_.value())), json("{\n  \"time\": " + row);
+    std::string row(m4gn::text(last_)), json("{\n  \"time\": " + row);
 
     forAll(quantities_, i) {
         quantity& q = quantities_[i];
@@ -376,8 +376,8 @@ Foam::functionObjects::m4gnAverages::m4gnAverages(
     const word& name, const Time& runTime, const dictionary& dict)
     : stateFunctionObject(name, runTime), averages_(nullptr, m4gn_averages_free), confidence_(0.95),
       minTime_(0), stop_(false), keep_(true), checkInterval_(1), begun_(runTime.startTime().value()),
-      last_(max(begun_, runTime.value())), lastCheck_(0), lastState_(-1), started_(false), goesOn_(false),
-      known_(false), everyStep_(true)
+      last_(max(begun_, runTime.value())), lastRow_(0), lastCheck_(0), lastState_(-1), started_(false),
+      goesOn_(false), known_(false), everyStep_(true)
 {
     read(dict);
     if (postProcess) {
@@ -385,6 +385,8 @@ Foam::functionObjects::m4gnAverages::m4gnAverages(
              << " \"m4gn averages\" reads the tables that others make of stored times" << nl << endl;
     }
 }
+
+Foam::functionObjects::m4gnAverages::~m4gnAverages() { end(); }
 
 bool Foam::functionObjects::m4gnAverages::read(const dictionary& dict)
 {
@@ -442,6 +444,7 @@ bool Foam::functionObjects::m4gnAverages::execute()
         addRow(i, surrogate);
     }
     last_ = now;
+    lastRow_ = time_.timeIndex();
 
     bool known = known_;
     if (Pstream::master() && m4gn_averages_due(averages_.get())
@@ -488,10 +491,10 @@ bool Foam::functionObjects::m4gnAverages::end()
 {
     // The figures of a run that ends as they are known are those of that check
     const bool ended = known_ && stop_ && time_.value() >= minTime_;
-    if (started_ && !ended && Pstream::master() && lastCheck_ != time_.timeIndex()) {
+    if (started_ && !ended && Pstream::master() && lastCheck_ < lastRow_) {
         // It may come a step behind the last one, of the same rows but for one
         check(m4gn_averages_due(averages_.get()));
-        lastCheck_ = time_.timeIndex();
+        lastCheck_ = lastRow_;
     }
 
     return true;

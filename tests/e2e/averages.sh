@@ -227,6 +227,16 @@ ill_formed 'Cd of forces is a scalar Expected a scalar without component' 'quant
 ill_formed 'of functionObject force, which this run has not' 'quantities { Cd { functionObject force; result Cd; } }'
 ill_formed 'publishes no Cx It publishes: ' 'quantities { Cd { functionObject forces; result Cx; } }'
 
+# Behind timeEnd OpenFOAM does not tell it of the run's end: the last figures are of all rows before
+control endTime 0.08
+for end in 0.062 0.064; do
+    clean_case
+    averages "timeEnd $end;"
+    runs icoFoam
+    counted=$(rows postProcessing/forces/0/coefficient.dat | awk -v end=$end '$1 < end + 1e-6' | wc -l)
+    [ "$(figure . Cd rows)" = "$counted" ] || fail "rows up to timeEnd: $(figure . Cd rows), expected $counted"
+done
+
 # Each column has a name of its own, that of an rms beside a quantity that is called so too
 clean_case
 control endTime 0.02
