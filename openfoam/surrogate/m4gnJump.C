@@ -141,8 +141,10 @@ Foam::scalar Foam::m4gnJump::within() const
 {
     // Within a jump Time has its own deltaT
     const scalar deltaT = jumping_ ? last_.solverDeltaT : time_.deltaTValue();
-    const scalar next =
-        time_.isAdjustTimeStep() ? m4gnClockwork::adjusted(time_, deltaT, writesFrom_) : deltaT;
+    // Solvers such as icoFoam do not heed adjustTimeStep
+    const bool adjusts =
+        time_.isAdjustTimeStep() && (jumping_ ? last_.changed : m4gnClockwork::changed(time_));
+    const scalar next = adjusts ? m4gnClockwork::adjusted(time_, deltaT, writesFrom_) : deltaT;
     const label steps =
         min(others().size() ? interval_ : labelMax, m4gnClockwork::toWrite(time_, next, writesFrom_));
 
@@ -195,8 +197,8 @@ Foam::m4gnJump::m4gnJump(
     PtrList<m4gnCompletion>& completions)
     : mesh_(mesh), time_(const_cast<Time&>(mesh.time())), run_(run), state_(state), completions_(completions),
       completion_(of(0)), name_(name), dict_(dict), interval_(m4gnFunctionObjects::interval(dict)),
-      writes_(dict.getOrDefault<bool>("writeJumps", false)), stale_(mesh), jumping_(false), last_{false, 0},
-      writesFrom_(mesh.time().startTime().value()), usual_{0, 0, 0}
+      writes_(dict.getOrDefault<bool>("writeJumps", false)), stale_(mesh),
+      jumping_(false), last_{false, 0, false}, writesFrom_(mesh.time().startTime().value()), usual_{0, 0, 0}
 {
     if (mesh_.moving() || mesh_.changing()) {
         FatalErrorInFunction << "mode replace does not handle a mesh that moves or changes"
@@ -290,7 +292,6 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
 {
     // Between its steps time has the surrogate's deltaT
     const scalar deltaT = time_.deltaTValue();
-    const bool changed = m4gnClockwork::changed(time_);
     const word lastSolved(time_.timeName());
 
     {
@@ -298,7 +299,7 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
         m4gnClock timer;
         scalar surrogate = 0, handOver = 0;
         completion_ = of(answer.surrogate);
-        last_ = {false, deltaT};
+        last_ = {false, deltaT, m4gnClockwork::changed(time_)};
         jumping_ = true;
 
         const auto complete = [&](const bool last) {
@@ -379,7 +380,7 @@ bool Foam::m4gnJump::run(m4gn_ride_answer answer, const functionObjects::stateFu
 
     jumping_ = false;
     time_.setDeltaT(deltaT, false);
-    m4gnClockwork::changed(time_) = changed;
+    m4gnClockwork::changed(time_) = last_.changed;
 
     if (answer.action != M4GN_RIDE_HAND_BACK) {
         return false;

@@ -29,8 +29,10 @@ addToRunTimeSelectionTable(functionObject, m4gnSurrogate, dictionary);
 bool Foam::functionObjects::m4gnSurrogate::jumping_ = false;
 
 //- Properties that are kept for a restart: the time that write times count from, and the solver's time step (s) within a jump,
-//  in which Time has that of the surrogate; 0: outside of one; the step before the state that is handed back (s)
-static const Foam::word writesFrom("writesFrom"), solverDeltaT("solverDeltaT"), stepBefore("stepBefore");
+//  in which Time has that of the surrogate; 0: outside of one; whether it was set by anybody; the step before the state that is
+//  handed back (s)
+static const Foam::word writesFrom("writesFrom"), solverDeltaT("solverDeltaT"),
+    deltaTChanged("deltaTChanged"), stepBefore("stepBefore");
 
 void Foam::functionObjects::m4gnSurrogate::checkOthers() const
 {
@@ -140,6 +142,7 @@ void Foam::functionObjects::m4gnSurrogate::jump()
     jumping_ = true;
     const scalar deltaT = time_.deltaTValue();
     setProperty(solverDeltaT, deltaT);
+    setProperty(deltaTChanged, m4gnClockwork::changed(const_cast<Time&>(time_)));
     // A fit hands back old levels of the solver's own step
     const label i = pending_.surrogate;
     setProperty(stepBefore, completions_.set(i) ? completions_[i].stepBefore(deltaT) : deltaT);
@@ -161,6 +164,7 @@ void Foam::functionObjects::m4gnSurrogate::resume()
         if (time_.isAdjustTimeStep()) {
             // Time was written with the surrogate's
             time.setDeltaT(deltaT, false);
+            getProperty(deltaTChanged, m4gnClockwork::changed(time));
         }
         scalar before = deltaT;
         getProperty(stepBefore, before);

@@ -35,6 +35,19 @@ compared() {
 
 compared laplacianFoam
 
+# It does not heed adjustTimeStep: times to write are those of its own steps, in jumps as well
+times() { find . -maxdepth 1 -name '[1-9]*' -printf '%f\n' | sort -g | tr '\n' ' '; }
+control writeInterval 1.13 deltaT '0.05; adjustTimeStep yes'
+clean_case
+: > system/functions
+solve
+plain=$(times)
+ride 'mode replace; surrogates (dmd); dmd { snapshotInterval 0.25; minSnapshots 24; fitTolerance 0.025; }'
+replaces 0.1 'laplacianFoam with adjustTimeStep'
+[ "$(times)" = "$plain" ] || fail "times $(times), expected $plain"
+control writeInterval 12
+sed -i 's/ adjustTimeStep yes;//' system/controlDict
+
 field p_rgh volScalarField '0 2 -2 0 0 0 0' 0 '".*" { type fixedFluxPressure; value uniform 0; } frontAndBack { type empty; }'
 compared buoyantBoussinesqPimpleFoam
 close_to ../plain 0.02 24/U
