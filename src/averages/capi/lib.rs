@@ -219,7 +219,7 @@ pub unsafe extern "C" fn m4gn_averages_check(
     let (Some(quantity), Some(figures)) = (averages.and_then(|a| a.all.get_mut(series)), figures) else {
         return 1;
     };
-    *figures = Figures::default();
+    *figures = Figures { rows: quantity.watch.series.len() as i64, ..Figures::default() };
     quantity.last = guarded(|| Ok(quantity.watch.check())).unwrap_or_default();
     let Some(found) = &quantity.last else { return 1 };
     *figures = Figures {
@@ -232,7 +232,7 @@ pub unsafe extern "C" fn m4gn_averages_check(
         transient_end: found.transient_end,
         independent_samples: found.independent_samples,
         surrogate_share: found.surrogate_share,
-        rows: found.rows as i64,
+        rows: figures.rows,
         settled: i32::from(quantity.watch.settled() && !quantity.broken_off),
         unvaried: i32::from(found.unvaried),
     };
