@@ -1,5 +1,5 @@
-"""Times and fields of an OpenFOAM case, for the scripts beside this file."""
-import os, re
+"""Times, fields and copies of an OpenFOAM case, for the scripts beside this file."""
+import os, re, shutil
 import numpy as np
 
 LIST = re.compile(rb"nonuniform\s+List<(\w+)>\s*\n?\s*(\d+)\s*\n?\(")
@@ -21,3 +21,12 @@ def times(case):
     """Names of the time folders after 0, in order."""
     number = re.compile(r"[0-9]+(\.[0-9]+)?(e[+-]?[0-9]+)?")
     return sorted((t for t in os.listdir(case) if number.fullmatch(t) and float(t) > 0), key=float)
+
+
+def copied(case, to, surrogate):
+    """A case anew, before its run, with a surrogate of these settings alone."""
+    shutil.rmtree(to, ignore_errors=True)
+    for part in ("0", "constant", "system"):
+        shutil.copytree(f"{case}/{part}", f"{to}/{part}")
+    with open(f"{to}/system/functions", "w") as out:
+        out.write(f"surrogate {{ type m4gnSurrogate; libs (m4gnFoam); mode replace; surrogates (dmd); dmd {{ {surrogate} }} }}")

@@ -2,26 +2,20 @@
 
 RUN: the folder run/cylinder of the tutorial. Writes strip.svg, what solver and surrogate did of the dmd run over time, modes.svg, the modes of its last
 fit, and segments.svg, 36 segments of the mesh by its modes. Runs icoFoam once more, with writeModes. Needs env.sh, numpy and matplotlib."""
-import os, re, shutil, subprocess, sys
+import os, re, subprocess, sys
 import numpy as np
 import matplotlib
 matplotlib.use("svg")
 import matplotlib.pyplot as plt
 from matplotlib.tri import Triangulation
-from foam_case import field, times
+from foam_case import copied, field, times
 
-FUNCTIONS = "surrogate { type m4gnSurrogate; libs (m4gnFoam); mode replace; surrogates (dmd); dmd { snapshotInterval 0.05; writeModes 1; } }"
 CENTRE, RADIUS = (0.31, 0.212), 0.052
 
 
 def with_modes(run):
     case = f"{run}/modes"
-    shutil.rmtree(case, ignore_errors=True)
-    os.makedirs(case)
-    for part in ("0", "constant", "system"):
-        shutil.copytree(f"{run}/dmd/{part}", f"{case}/{part}")
-    with open(f"{case}/system/functions", "w") as out:
-        out.write(FUNCTIONS)
+    copied(f"{run}/dmd", case, "snapshotInterval 0.05; writeModes 1;")
     segment = ["m4gn", "segment", ".", "--segments", "36"]
     for command in (["icoFoam"], ["postProcess", "-func", "writeCellCentres", "-time", "0"], segment):
         with open(f"{case}/log.{command[0]}", "w") as log:

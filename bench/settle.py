@@ -3,9 +3,9 @@
 FULL: plain runs of cylinder-flow that have U every 0.05 s (m4gn hybrid --keep-cases). Each runs again in ../cut, with cutTransient, and
 without jumps in time where --jumps is not given. A wake has settled when what
 Uy varies by over a period stays within 2 % of what it is at the end of the plain run, or of a hundredth of the flow's speed where that is more."""
-import os, re, shutil, subprocess, sys
+import os, re, subprocess, sys
 import numpy as np
-from foam_case import field, times
+from foam_case import copied, field, times
 
 DMD = "snapshotInterval 0.05; cutTransient yes; "
 ALONE = "fitTolerance 1e-9; jumpTolerance 1e-9; "  # no jumps in time
@@ -38,12 +38,7 @@ def settled(time, size, end, least, states, share=0.02):
 
 def cut(full, entries):
     case = os.path.join(os.path.dirname(full.rstrip("/")), "cut")
-    shutil.rmtree(case, ignore_errors=True)
-    os.makedirs(case)
-    for part in ("0", "constant", "system"):
-        shutil.copytree(f"{full}/{part}", f"{case}/{part}")
-    with open(f"{case}/system/functions", "w") as out:
-        out.write(f"surrogate {{ type m4gnSurrogate; libs (m4gnFoam); mode replace; surrogates (dmd); dmd {{ {entries} }} }}")
+    copied(full, case, entries)
     log = open(f"{case}/log.icoFoam", "w")
     subprocess.run(["icoFoam"], cwd=case, stdout=log, stderr=subprocess.STDOUT, check=True)
     return case
