@@ -23,7 +23,6 @@ EOD
 solvers { "(D|DD)" { solver PCG; preconditioner FDIC; tolerance 1e-13; relTol 0.05; } }
 relaxationFactors { }
 EOD
-{ header decomposeParDict; echo 'numberOfSubdomains 2; method simple; simpleCoeffs { n (2 1 1); delta 0.001; }'; } > system/decomposeParDict
 schemes steadyState > system/dualMesh/fvSchemes
 cp system/fvSolution system/dualMesh
 { header physicsProperties; echo 'type solid;'; } > constant/physicsProperties

@@ -242,15 +242,8 @@ make_square() {
     mkdir -p "$1"/{0,constant,system} && cd "$1"
     square_mesh > system/blockMeshDict
     control_dict pimpleFoam 1.2 0.001 adjustableRunTime 0.4 12
-    { header fvSchemes; cat <<'EOD'; } > system/fvSchemes
-ddtSchemes { default Euler; }
-gradSchemes { default Gauss linear; }
-divSchemes { default Gauss upwind; div(phi,U) Gauss linearUpwind grad(U); div((nuEff*dev2(T(grad(U))))) Gauss linear; }
-laplacianSchemes { default Gauss linear corrected; }
-interpolationSchemes { default linear; }
-snGradSchemes { default corrected; }
-wallDist { method meshWave; }
-EOD
+    schemes 'default Gauss upwind; div(phi,U) Gauss linearUpwind grad(U); div((nuEff*dev2(T(grad(U))))) Gauss linear;'
+    echo 'wallDist { method meshWave; }' >> system/fvSchemes
     { header fvSolution; cat <<'EOD'; } > system/fvSolution
 solvers
 {
@@ -278,7 +271,7 @@ turbulence() {
         \"(inlet|outlet)\" { type calculated; value uniform 9e-5; } sides { type symmetry; } frontAndBack { type empty; }"
 }
 
-# schemes [DIV]: Euler and linear, with these entries of divSchemes beside the default.
+# schemes [DIV]: Euler and linear, with these entries of divSchemes behind the default.
 schemes() {
     { header fvSchemes; cat <<EOD; } > system/fvSchemes
 ddtSchemes { default Euler; }

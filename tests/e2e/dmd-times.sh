@@ -7,15 +7,9 @@ mkdir -p case/{0,constant,system} && cd case
 control_dict pimpleFoam 29.4 0.0001 adjustableRunTime 0.7 12
 sed -i 's/^timePrecision .*/timePrecision 6; adjustTimeStep yes; maxCo 0.2; maxDeltaT 1;/' system/controlDict
 schemes 'div((nuEff*dev2(T(grad(U))))) Gauss linear;'
-{ header fvSolution; cat <<'EOD'; } > system/fvSolution
-solvers
-{
-    "p.*" { solver PCG; preconditioner DIC; tolerance 1e-10; relTol 0; }
-    "(U|s).*" { solver smoothSolver; smoother symGaussSeidel; tolerance 1e-12; relTol 0; }
-}
-PIMPLE { nOuterCorrectors 1; nCorrectors 2; nNonOrthogonalCorrectors 0; pRefCell 0; pRefValue 0; }
-EOD
-echo "$(header x) simulationType laminar; transportModel Newtonian; nu 0.02;" | tee constant/turbulenceProperties > constant/transportProperties
+solvers 1e-10 0
+sed -i '/(U|h|T|DT)/{ s//(U|s)/; s/1e-10/1e-12/; }' system/fvSolution
+laminar 0.02
 { header fvOptions; echo 'force { type meanVelocityForce; selectionMode all; fields (U); Ubar (1 0 0); }'; } > constant/fvOptions
 others='"left|right" { type cyclic; } frontAndBack { type empty; }'
 field p volScalarField '0 2 -2 0 0 0 0' 0 "walls { type zeroGradient; } $others"

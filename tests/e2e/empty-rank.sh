@@ -19,10 +19,7 @@ cells=$(sed -n 's/.*nCells: *\([0-9]*\).*/\1/p' constant/polyMesh/owner | head -
     for ((i = 0; i < cells; ++i)); do echo $((i < cells/2 ? 0 : 2)); done
     echo ')'
 } > constant/decompositionByHand
-{
-    header decomposeParDict
-    echo 'numberOfSubdomains 3; method manual; manualCoeffs { dataFile "decompositionByHand"; }'
-} > system/decomposeParDict
+decomposition 3 manual 'manualCoeffs { dataFile "decompositionByHand"; }'
 for functions in "$record $observe" "$replace"; do
     echo "$functions" > system/functions
     rm -rf processor*
