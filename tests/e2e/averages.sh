@@ -33,11 +33,6 @@ averages
 }
 EOD
 }
-# figure FOLDER QUANTITY KEY
-figure() {
-    python3 -c "import json, sys; print(json.load(open(sys.argv[1]))[sys.argv[2]][sys.argv[3]])" \
-        "$1/postProcessing/averages/${4:-0}/averages.json" "$2" "$3"
-}
 last_time() { find . -maxdepth 1 -name '[0-9]*' -printf '%f\n' | sort -g | tail -n 1; }
 
 # A longer run, told and not ended
@@ -78,7 +73,7 @@ done
 # The command finds the same in the table of forceCoeffs
 m4gn averages postProcessing/forces/0/coefficient.dat --column Cd --json cd.json > log.averages ||
     fail "m4gn averages: $(cat log.averages)"
-[ "$(python3 -c 'import json; print(round(json.load(open("cd.json"))["frequency"], 1))')" = 10.0 ] || fail "expected the inlet's frequency: $(cat cd.json)"
+[ "$(json cd.json 'round(d["frequency"], 1)')" = 10.0 ] || fail "expected the inlet's frequency: $(cat cd.json)"
 # Post-processing leaves the figures of the run as they are
 cp postProcessing/averages/0/averages.json ../known.json
 runs icoFoam -postProcess

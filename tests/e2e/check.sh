@@ -11,10 +11,7 @@ check() {
     [ $status -eq "$expected" ] || { cat ../log.check; fail "m4gn check $*: status $status, expected $expected"; }
 }
 # says TEXT...: each in one of its lines
-says() {
-    local text
-    for text in "$@"; do grep -q -- "$text" ../log.check || { cat ../log.check; fail "it does not say: $text"; }; done
-}
+says() { expect_in ../log.check "$@"; }
 # unfit TEXT [ARGUMENTS...]: the case does not fit, and why
 unfit() { check 1 . "${@:2}" && says "$1"; }
 # sums: of all that the case has

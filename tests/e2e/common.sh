@@ -364,11 +364,12 @@ expect_errors() {
     done
 }
 
-# expect_log TEXT...: the log has each of these; expect_silence TEXT...: none of them.
-expect_log() {
+# expect_in LOG TEXT...: it has each of these; expect_log TEXT...: that of the last run has; expect_silence TEXT...: it has none of them.
+expect_in() {
     local text
-    for text in "$@"; do grep -q -- "$text" log.run || { tail -n 60 log.run; fail "the log does not say: $text"; }; done
+    for text in "${@:2}"; do grep -q -- "$text" "$1" || { tail -n 60 "$1"; fail "the log does not say: $text"; }; done
 }
+expect_log() { expect_in log.run "$@"; }
 expect_silence() {
     local text
     for text in "$@"; do ! grep -- "$text" log.run || fail "the log says: $text"; done
@@ -397,6 +398,11 @@ drag() {
 
 # entry NAME [START]: of the summary of a run from this time, else of any.
 entry() { sed -n "s/^ *\"$1\": \([^,]*\).*/\1/p" postProcessing/test/${2:-*}/summary.json; }
+
+# json FILE EXPRESSION: of Python, over what the file has, d
+json() { python3 -c "import json, sys; d = json.load(open(sys.argv[1])); print($2)" "$1"; }
+# figure FOLDER QUANTITY KEY [START]: of averages.json in a case, of a run from this time
+figure() { json "$1/postProcessing/averages/${4:-0}/averages.json" "d['$2']['$3']"; }
 
 # decided WHAT EXPRESSION [NAME]: of what the function object NAME (test) has decided, the expression holds, in Python: of(EVENT, FIELD=VALUE...)
 # is a list of decisions (docs/reference/run-files.md).

@@ -32,8 +32,7 @@ decided "shares of the energy" "not [d for d in of('fit', decision='used') if ab
 expect_log 'it is used: .*growth -*[0-9.e-]* 1/s'
 replaces 0.2 icoFoam
 # Strides weigh in a mean as the time that they stand for, and the share that came from the surrogate is told
-figure() { python3 -c 'import json, sys; print(json.load(open("postProcessing/averages/1/averages.json"))["Cd"][sys.argv[1]])' "$1"; }
-told=$(calc "$(figure surrogate_share)*(4 - $(figure transient_end))")
+told=$(calc "$(figure . Cd surrogate_share 1)*(4 - $(figure . Cd transient_end 1))")
 holds "($told - $(entry replaced_time))^2 < 1e-4" "s from a surrogate, by the share that is told and by its own account: $told, $(entry replaced_time);"
 expect_log 'm4gn: Cd .* % of the time from a surrogate'
 jumps=$(grep -vc '^#' postProcessing/test/1/surrogate.dat)

@@ -2,8 +2,6 @@
 # m4gn segment: figures, fields that OpenFOAM's own tools read and a later run finds, the same answer from a recording.
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 make_case case
-# json FILE EXPRESSION: of Python, over the figures d
-json() { python3 -c "import json, sys; d = json.load(open(sys.argv[1])); print($2)" "$1"; }
 
 for format in ascii binary; do
     control writeFormat $format

@@ -13,7 +13,7 @@ verify() {
     m4gn verify . "$@" > ../log.verify 2>&1 || status=$?
     [ $status -eq "$expected" ] || { cat ../log.verify; fail "m4gn verify $*: status $status, expected $expected"; }
 }
-says() { grep -q -- "$1" ../log.verify || { cat ../log.verify; fail "it does not say: $1"; }; }
+says() { expect_in ../log.verify "$1"; }
 # shows WHAT EXPRESSION: of ../verify.json, with its jumps
 shows() {
     python3 - "$2" <<'EOD' || { cat ../log.verify; fail "$1: not $2"; }
@@ -46,13 +46,13 @@ verify 2 --tolerance -1
 
 # A run that is carried on from where a jump begins has the bytes of the whole one
 keep whole [0-9]* postProcessing
-begun=$(python3 -c 'import json; print("%g" % json.load(open("../verify.json"))["jumps"][-1]["from"])')
+begun=$(json ../verify.json '"%g" % d["jumps"][-1]["from"]')
 carry_on "$begun"
 same_bytes ../whole 4/{U,p,phi}
 control startTime 0
 
 # A field that a jump has not made
-ended=$(python3 -c 'import json; print("%g" % json.load(open("../verify.json"))["jumps"][0]["to"])')
+ended=$(json ../verify.json '"%g" % d["jumps"][0]["to"]')
 clean_case
 cp -r ../whole/* .
 cp 0.5/U "$ended/U"
