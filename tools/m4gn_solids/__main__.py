@@ -13,39 +13,22 @@ from importlib.metadata import version
 from pathlib import Path
 
 from . import draws, meshing
-from .equilibrium import March, NoEquilibrium, Solid
-from .recording import Recording
+from .equilibrium import NoEquilibrium
+from .recording import SunkIn, record
 
 ATTEMPTS = 20
 """Draws before a case is given up."""
-DEEPEST = 0.05
-"""Penetration that is not accepted, in cell sizes."""
-
-
-class SunkIn(Exception):
-    """The obstacle lies inside the body."""
 
 
 def attempt(case, parameters):
     """Simulates one draw into trajectory.h5; the figures, without closing the file."""
-    family, frames = case["family"], case["frames"]
-    body, obstacle = draws.build(parameters, family, frames, ".")
+    body, obstacle = draws.build(parameters, case["family"], case["frames"], ".")
     material = {"young": draws.YOUNG, "poisson": case["poisson"], "density": draws.DENSITY}
-    solid = Solid(body, draws.YOUNG, case["poisson"])
-    march = March(body, obstacle, solid, draws.YOUNG)
-    local, triangles = obstacle.shape.surface(march.size)
-    start = obstacle.place(local, 0)
-    recording = Recording("trajectory.h5", case["split"])
-    recording.body(body, material)
-    recording.obstacle(start, triangles)
-    for k, displacement in enumerate(march.frames()):
-        if march.gap < -DEEPEST * march.size:
-            raise SunkIn(f"the obstacle is {-march.gap / march.size:.3f} cell sizes inside at frame {k}")
-        recording.append(k * case["interval"], displacement, obstacle.place(local, k) - start)
+    recording, march, obstacle_points = record("trajectory.h5", case["split"], body, obstacle, material, case["interval"])
     figures = {
         "points": len(body.points),
         "elements": len(body.cells),
-        "obstacle_points": len(local),
+        "obstacle_points": obstacle_points,
         "cell_size": march.size,
         "worst_gap": march.gap / march.size,
         "worst_gap_frame": march.gap_frame,

@@ -8,10 +8,9 @@ import sys
 import numpy as np
 
 from . import elements
-from .equilibrium import March, Solid
 from .meshing import Body
 from .obstacles import Obstacle, RoundedBox
-from .recording import Recording
+from .recording import record
 
 MATERIAL = {"young": 1e6, "poisson": 0.4, "density": 1000.0}
 
@@ -34,16 +33,7 @@ def sphere(frames):
 
 
 def main(path):
-    body, obstacle = bar(), sphere(3)
-    solid = Solid(body, MATERIAL["young"], MATERIAL["poisson"])
-    march = March(body, obstacle, solid, MATERIAL["young"])
-    local, triangles = obstacle.shape.surface(march.size)
-    start = obstacle.place(local, 0)
-    recording = Recording(path, "test")
-    recording.body(body, MATERIAL)
-    recording.obstacle(start, triangles)
-    for k, displacement in enumerate(march.frames()):
-        recording.append(0.01 * k, displacement, obstacle.place(local, k) - start)
+    recording, march, _ = record(path, "test", bar(), sphere(3), MATERIAL, 0.01)
     recording.finish({"family": "bar", "worst_gap": march.gap / march.size})
 
 

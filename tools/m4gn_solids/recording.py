@@ -5,11 +5,34 @@ import json
 import h5py
 import numpy as np
 
+from .equilibrium import March, Solid
+
 FORMAT, VERSION = "m4gn-trajectory", 3
 NAME, LONG = 128, 60_000
 """Bytes of short and of long text; text has a fixed length, so that HDF5 checksums it."""
 BODY, HANDLE = 6, 7
 """Codes of node types; obstacle points have none, they are all obstacle."""
+DEEPEST = 0.05
+"""Penetration that is not accepted, in cell sizes."""
+
+
+class SunkIn(Exception):
+    """The obstacle lies inside the body."""
+
+
+def record(path, split, body, obstacle, material, interval):
+    """Computes all frames into a file, which is left open: the recording, the march and the number of the obstacle's points."""
+    march = March(body, obstacle, Solid(body, material["young"], material["poisson"]), material["young"])
+    local, triangles = obstacle.shape.surface(march.size)
+    start = obstacle.place(local, 0)
+    recording = Recording(path, split)
+    recording.body(body, material)
+    recording.obstacle(start, triangles)
+    for k, displacement in enumerate(march.frames()):
+        if march.gap < -DEEPEST * march.size:
+            raise SunkIn(f"the obstacle is {-march.gap / march.size:.3f} cell sizes inside at frame {k}")
+        recording.append(k * interval, displacement, obstacle.place(local, k) - start)
+    return recording, march, len(local)
 
 
 class Recording:
