@@ -43,6 +43,22 @@ pub fn together<I, T>(
     })
 }
 
+/// The body of an export that changes the handle of a `name`. The handle's `broken` is set while it runs: after a panic, or where
+/// it cannot go on, the handle may only be freed.
+pub fn changed<H>(
+    name: &str,
+    handle: &mut H,
+    broken: fn(&mut H) -> &mut bool,
+    work: impl FnOnce(&mut H) -> Result<()>,
+) -> Result<i32> {
+    let result = match std::mem::replace(broken(handle), true) {
+        true => Err(Error::Internal(format!("the {name} broke in an earlier call and can only be freed"))),
+        false => work(handle),
+    };
+    *broken(handle) = matches!(result, Err(Error::Internal(_)));
+    result.map(|()| 0)
+}
+
 /// Puts what `make` makes where the host wants its handle, and null there before. `make` is told of a place that
 /// cannot be used, so that a rank with one does not stay away from the others.
 pub fn create<T>(place: Result<&mut *mut T>, make: impl FnOnce(Result<()>) -> Result<T>) -> Result<i32> {

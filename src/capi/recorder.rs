@@ -33,7 +33,7 @@ pub struct RecorderHandle {
     n_cells: usize,
     n_boundary: usize,
     fields: Vec<FieldMeta>,
-    /// Set while a call runs: one that panicked leaves it, and the handle may only be freed.
+    /// For [`guard::changed`].
     broken: bool,
 }
 
@@ -153,15 +153,7 @@ impl RecorderHandle {
     }
 
     fn guarded(&mut self, work: impl FnOnce(&mut Self) -> Result<()>) -> Result<i32> {
-        let broken = std::mem::replace(&mut self.broken, true);
-        let result = self.comm.clone().guarded(|| match broken {
-            true => {
-                Err(Error::Internal("the recorder broke in an earlier call and can only be freed".into()))
-            }
-            false => work(self),
-        });
-        self.broken = matches!(result, Err(Error::Internal(_)));
-        result.map(|()| 0)
+        guard::changed("recorder", self, |h| &mut h.broken, |h| h.comm.clone().guarded(|| work(h)))
     }
 }
 

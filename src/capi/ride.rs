@@ -58,7 +58,7 @@ pub struct RideHandle {
     comm: Comm,
     /// What was taken last.
     pub(super) text: CString,
-    /// Set while a call runs: one that panicked leaves it, and the handle may only be freed.
+    /// For [`guard::changed`].
     broken: bool,
 }
 
@@ -78,13 +78,8 @@ impl RideHandle {
         }
     }
 
-    fn guarded<T>(&mut self, work: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
-        let result = match std::mem::replace(&mut self.broken, true) {
-            true => Err(Error::Internal("the ride broke in an earlier call and can only be freed".into())),
-            false => work(self),
-        };
-        self.broken = matches!(result, Err(Error::Internal(_)));
-        result
+    fn guarded(&mut self, work: impl FnOnce(&mut Self) -> Result<()>) -> Result<i32> {
+        guard::changed("ride", self, |h| &mut h.broken, work)
     }
 
     /// A collective call: each rank reads what its host gave, and all agree that they could and on what they were told alike.
@@ -106,7 +101,7 @@ impl RideHandle {
     }
 }
 
-fn put(found: Answer, answer: *mut RideAnswer) -> Result<i32> {
+fn put(found: Answer, answer: *mut RideAnswer) -> Result<()> {
     let action = match found.action {
         Action::Solve => 0,
         Action::Stride => 1,
@@ -126,7 +121,7 @@ fn put(found: Answer, answer: *mut RideAnswer) -> Result<i32> {
         whole: i32::from(found.whole),
         stepped: i32::from(found.stepped),
     };
-    Ok(0)
+    Ok(())
 }
 
 /// What the host tells of a time, and its text for the other ranks.
@@ -261,7 +256,7 @@ exports! {
             let values = pointers::slice("values", values, pointers::count("n_values", n_values)?)?;
             (pointers::reference_mut("ride", ride)?, values)
         };
-        handle.guarded(|handle| handle.ride.reported(values).map(|()| 0))
+        handle.guarded(|handle| handle.ride.reported(values))
     }
 
     /// Wall time of strides and of handing over.
@@ -270,7 +265,7 @@ exports! {
         let handle = unsafe { pointers::reference_mut("ride", ride)? };
         handle.guarded(|handle| {
             handle.ride.spent(surrogate, hand_over);
-            Ok(0)
+            Ok(())
         })
     }
 
@@ -309,7 +304,7 @@ exports! {
         let (handle, text) = unsafe {
             (pointers::reference_mut("ride", ride)?, pointers::text("conditions", conditions)?)
         };
-        handle.guarded(|handle| handle.ride.made_under(text).map(|()| 0))
+        handle.guarded(|handle| handle.ride.made_under(text))
     }
 
     /// Writes the state.
@@ -323,8 +318,7 @@ exports! {
                 let path = Path::new(unsafe { pointers::text("path", path)? });
                 Ok((path, guard::file_name(path)))
             };
-            guard::together("m4gn_ride_save", &comm, read, |path| handle.ride.save(path))?;
-            Ok(0)
+            guard::together("m4gn_ride_save", &comm, read, |path| handle.ride.save(path))
         })
     }
 

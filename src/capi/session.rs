@@ -33,7 +33,7 @@ pub struct SessionHandle {
     segment_record: CString,
     /// Points of the obstacle of a body.
     n_obstacle: Option<usize>,
-    /// Set while a call runs: one that panicked leaves it, and the handle may only be freed.
+    /// For [`guard::changed`].
     broken: bool,
 }
 
@@ -75,18 +75,6 @@ fn handle(session: Session, model: Arc<Model>, n_obstacle: Option<usize>) -> Res
 }
 
 impl SessionHandle {
-    /// What a call that changes the session does. Collective.
-    fn guarded(&mut self, work: impl FnOnce(&mut Self) -> Result<()>) -> Result<i32> {
-        let broken = std::mem::replace(&mut self.broken, true);
-        let comm = self.session.comm().clone();
-        let result = comm.guarded(|| match broken {
-            true => Err(Error::Internal("the session broke in an earlier call and can only be freed".into())),
-            false => work(self),
-        });
-        self.broken = matches!(result, Err(Error::Internal(_)));
-        result.map(|()| 0)
-    }
-
     /// # Safety
     /// Pointers must be what `m4gn.h` says.
     unsafe fn step(
@@ -296,7 +284,10 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: a session of ours, or null.
         let handle = unsafe { pointers::reference_mut("session", session)? };
-        // SAFETY: the host's arrays, as the header says.
-        handle.guarded(|handle| unsafe { handle.step(cells, boundary, next) })
+        guard::changed("session", handle, |h| &mut h.broken, |h| {
+            let comm = h.session.comm().clone();
+            // SAFETY: the host's arrays, as the header says.
+            comm.guarded(|| unsafe { h.step(cells, boundary, next) })
+        })
     }
 }
