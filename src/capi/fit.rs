@@ -3,11 +3,10 @@
 use super::guard;
 use super::model::ModelHandle;
 use super::pointers::{self, MeshData};
-use super::segments::{Asked, Request};
+use super::segments::{self, Asked, Request};
 use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
 use m4gn_parallel::Comm;
-use m4gn_structure as segments;
 use std::ffi::c_char;
 
 /// Why the labels are not the segments that the model and the entries of `options` describe, with the host's `places` for the
@@ -28,15 +27,12 @@ unsafe fn misfit<P>(
         let places = places?;
         // SAFETY: passed on to the caller.
         unsafe {
-            let mesh = pointers::mesh(pointers::reference("mesh", mesh)?)?;
-            let model = pointers::optional_reference("model", model)?;
-            let request = Request::read(options, cell_segment, mesh.n_cells())?;
+            let (asked, same) = segments::read(mesh, model, options, cell_segment)?;
             let record = pointers::optional_text("record", record)?.unwrap_or("").to_owned();
-            if request.labels.is_none() {
+            if asked.2.labels.is_none() {
                 return Err(Error::Input("cell_segment: expected labels, found a null pointer".into()));
             }
-            let same = request.shared(model)?;
-            Ok(((places, (mesh, model, request), record), same))
+            Ok(((places, asked, record), same))
         }
     };
     guard::together("m4gn_segments_fit", &comm, read, |(places, (mesh, model, request), record)| {
@@ -63,7 +59,7 @@ fn compare(
         None => Some(request.segments.names()),
     };
     let labels = request.labels.as_deref().unwrap_or_default();
-    Ok(segments::misfit(mesh, labels, &record, &wanted, only.as_deref(), comm))
+    Ok(m4gn_structure::misfit(mesh, labels, &record, &wanted, only.as_deref(), comm))
 }
 
 exports! {

@@ -56,24 +56,8 @@ impl Request {
         Ok(request)
     }
 
-    /// # Safety
-    /// Pointers must be what `m4gn.h` says; `cell_segment` has `n_cells` entries.
-    pub(super) unsafe fn read(
-        options: *const c_char,
-        cell_segment: *const i32,
-        n_cells: usize,
-    ) -> Result<Self> {
-        // SAFETY: passed on to the caller.
-        unsafe {
-            Ok(Request {
-                labels: pointers::labels(cell_segment, n_cells)?,
-                ..Request::parse(pointers::options(options)?)?
-            })
-        }
-    }
-
     /// What every rank must be given alike: not its cells' labels.
-    pub(super) fn shared(&self, model: Option<&ModelHandle>) -> Result<String> {
+    fn shared(&self, model: Option<&ModelHandle>) -> Result<String> {
         let model = model.map_or(String::new(), ModelHandle::shared);
         Ok(format!("{}{model}", settings::lines(self)?))
     }
@@ -90,6 +74,27 @@ impl Request {
 /// What a host asks segments of: its mesh, the model that they are for, and how.
 pub(super) type Asked<'a> = (Mesh, Option<&'a ModelHandle>, Request);
 
+/// The same, and its text for the other ranks.
+///
+/// # Safety
+/// Pointers must be what `m4gn.h` says; `cell_segment` has an entry for each cell.
+pub(super) unsafe fn read<'a>(
+    mesh: *const MeshData,
+    model: *const ModelHandle,
+    options: *const c_char,
+    cell_segment: *const i32,
+) -> Result<(Asked<'a>, String)> {
+    // SAFETY: passed on to the caller.
+    unsafe {
+        let mesh = pointers::mesh(pointers::reference("mesh", mesh)?)?;
+        let model = pointers::optional_reference("model", model)?;
+        let labels = pointers::labels(cell_segment, mesh.n_cells())?;
+        let request = Request { labels, ..Request::parse(pointers::options(options)?)? };
+        let same = request.shared(model)?;
+        Ok(((mesh, model, request), same))
+    }
+}
+
 /// # Safety
 /// Pointers must be what `m4gn.h` says.
 unsafe fn new(
@@ -101,17 +106,8 @@ unsafe fn new(
     cell_segment: *const i32,
 ) -> Result<SegmentsHandle> {
     let comm = Comm::from_fortran(comm)?;
-    let read = || -> Result<(Asked, String)> {
-        place?;
-        // SAFETY: passed on to the caller.
-        unsafe {
-            let mesh = pointers::mesh(pointers::reference("mesh", mesh)?)?;
-            let model = pointers::optional_reference("model", model)?;
-            let request = Request::read(options, cell_segment, mesh.n_cells())?;
-            let same = request.shared(model)?;
-            Ok(((mesh, model, request), same))
-        }
-    };
+    // SAFETY: passed on to the caller.
+    let read = || place.and_then(|()| unsafe { read(mesh, model, options, cell_segment) });
     guard::together("m4gn_segments_new", &comm, read, |(mesh, model, request)| {
         let spec = comm.agree(request.spec(model))?;
         cut(&comm, &mesh, &spec, &request)
