@@ -102,15 +102,11 @@ impl Surroundings {
                 Err(e) => break Err(Error::file(&log, format!("{name} cannot be waited for: {e}"))),
             }
         };
-        let status = match ended {
-            Ok(status) => status,
-            Err(e) => {
-                drop(guard);
-                let _ = child.wait();
-                return Err(e);
-            }
-        };
         drop(guard);
+        if ended.is_err() {
+            let _ = child.wait();
+        }
+        let status = ended?;
         if status.success() {
             return Ok(());
         }
