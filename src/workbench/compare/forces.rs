@@ -1,9 +1,9 @@
 //! Drag and lift coefficients of a patch.
 
-use super::Options;
-use super::report::{Row, both_runs};
-use super::series::{FEWEST, Series, relative};
+use super::report::both_runs;
+use super::series::{FEWEST, Row, Series, relative};
 use super::tables::{Table, common, over};
+use super::{DEFAULT_PATCH, Options};
 use crate::foam_case::{Description, FoamCase, FunctionObject, Patch};
 use m4gn_base::{Error, Result, listed};
 use m4gn_mesh::vector::{cross, dot, norm};
@@ -27,9 +27,6 @@ pub struct Reference {
     /// Unit vector across it: turned by 90 degrees in 2-D, towards the second direction in 3-D.
     pub lift_direction: [f64; 3],
 }
-
-/// The patch that is taken without being named.
-pub(super) const DEFAULT_PATCH: &str = "cylinder";
 
 impl Reference {
     /// Reference values of the full run at time number `time`; none where there is no patch to look at.

@@ -107,6 +107,9 @@ pub struct Comparison {
     pub surrogate: Option<Value>,
 }
 
+/// The patch whose forces are compared without being named.
+const DEFAULT_PATCH: &str = "cylinder";
+
 /// Scalar fields that surrogates of flows predict.
 const SCALARS: [&str; 3] = ["p", "p_rgh", "T"];
 

@@ -1,8 +1,8 @@
 //! The displacement of a solid: its range, and the motion of one cell, which is the one beside the centre of a patch, or the
 //! one that moves most; its component is the one that moves most. The force on a patch is in [`super::reaction`].
 
-use super::report::{Row, both_runs};
-use super::series::relative;
+use super::report::both_runs;
+use super::series::{Row, relative};
 use super::{Options, known};
 use crate::errors::FieldErrors;
 use crate::foam_case::{Description, FoamCase};

@@ -4,7 +4,8 @@
 //! out, and counted.
 
 use super::known;
-use super::report::{Row, both_runs, figures};
+use super::report::{both_runs, figures};
+use super::series::Row;
 use crate::decisions::later;
 use crate::foam_case::{self, FoamCase, Unknown};
 use m4gn_base::{Result, listed};

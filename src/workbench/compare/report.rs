@@ -1,15 +1,12 @@
 //! The comparison as tables and as a page with charts and pictures.
 
-use super::forces::DEFAULT_PATCH;
-use super::{Comparison, tables};
+use super::series::Row;
+use super::{Comparison, DEFAULT_PATCH, tables};
 use crate::errors::FieldErrors;
 use crate::foam_case::Polygons;
 use m4gn_base::Result;
 use m4gn_report::chart::{Axis, BLUE, GREY, ORANGE};
 use m4gn_report::{CellMap, Chart, Page, Series, Snapshot, Table, figure, number, percent, seconds};
-
-/// A figure of both runs: what it is, A and B, and the error.
-pub(super) type Row = (String, [Option<f64>; 2], String);
 
 /// Horizons of the tables, in stored times.
 const HORIZONS: [usize; 6] = [1, 2, 5, 10, 20, 50];

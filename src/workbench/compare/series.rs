@@ -49,6 +49,9 @@ impl Series {
     }
 }
 
+/// A figure of both runs: what it is, A and B, and the error.
+pub(super) type Row = (String, [Option<f64>; 2], String);
+
 /// B / A - 1; none where one of them is missing, or A is zero.
 pub(crate) fn change(pair: [Option<f64>; 2]) -> Option<f64> {
     match pair {

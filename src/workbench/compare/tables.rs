@@ -1,7 +1,6 @@
 //! The tables that OpenFOAM's own function objects wrote in a run: `postProcessing/NAME/START/FILE`.
 
-use super::report::Row;
-use super::series::{Series, Statistics, relative};
+use super::series::{Row, Series, Statistics, relative};
 use crate::foam_case::{Description, FunctionObject};
 use crate::user_case;
 use m4gn_averages::table::{names, parts, starts};
