@@ -1,6 +1,5 @@
 //! The cycle of a run as a combination of its sisters' cycles: weights by the parameters, and the states that a run stores for it.
 
-use super::start::length;
 use faer::Mat;
 
 /// States a period that a run stores, and how many it keeps: more than a period's.
@@ -20,6 +19,16 @@ pub fn stored(period: f64) -> (f64, usize) {
 /// The longest time between states, `every` at most, of which a run's duration is a multiple: so the state at its end is one of them.
 pub fn dividing(every: f64, duration: f64) -> f64 {
     duration / (duration / every).ceil()
+}
+
+/// Length of an offset in the parameters, each of which goes from 0 to 1.
+pub fn length(offset: &[f64]) -> f64 {
+    offset.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// From one place in the parameters to another.
+pub fn offset(from: &[f64], to: &[f64]) -> Vec<f64> {
+    from.iter().zip(to).map(|(a, b)| b - a).collect()
 }
 
 /// Offsets in parameters in coordinates of their own span, of as few directions as they have: parameters may depend on each other.

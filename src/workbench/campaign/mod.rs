@@ -212,7 +212,7 @@ impl Campaign {
                 sisters.push(Sister {
                     record: *record,
                     case: self.folder_of(other).join("case"),
-                    offset: start::offset(&self.places[unit.row], &self.places[row]),
+                    offset: cycle::offset(&self.places[unit.row], &self.places[row]),
                     same_words: words(row).eq(words(unit.row)),
                 });
             }

@@ -1,7 +1,6 @@
 //! The order in which runs are made: spread over the parameters, then where the finished ones foretell worst.
 
-use super::cycle::{looked_at, spanned, weights};
-use super::start::{length, offset};
+use super::cycle::{length, looked_at, offset, spanned, weights};
 use std::collections::BTreeSet;
 
 /// A finished run.

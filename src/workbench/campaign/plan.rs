@@ -1,7 +1,7 @@
 //! Which start a run tries, by what finished runs took.
 
-use super::cycle;
-use super::start::{Scale, Sister, Start, length, offset, ratio};
+use super::cycle::{self, length, offset};
+use super::start::{Scale, Sister, Start, ratio};
 use crate::signal::median;
 use m4gn_base::listed;
 

@@ -1,6 +1,6 @@
 //! What a run starts from.
 
-use super::cycle;
+use super::cycle::{self, length};
 use super::plan::{Kind, Plan};
 use super::record::{Record, Started};
 use super::table::number;
@@ -53,16 +53,6 @@ pub fn nearest_first(sisters: &mut [Sister]) {
 
 /// A run's velocity: name and value of the parameter.
 pub type Scale<'a> = Option<(&'a str, &'a str)>;
-
-/// Length of an offset in the parameters, each of which goes from 0 to 1.
-pub fn length(offset: &[f64]) -> f64 {
-    offset.iter().map(|x| x * x).sum::<f64>().sqrt()
-}
-
-/// From one place in the parameters to another.
-pub fn offset(from: &[f64], to: &[f64]) -> Vec<f64> {
-    from.iter().zip(to).map(|(a, b)| b - a).collect()
-}
 
 /// Puts the fields that a run is to start from into the first time of its case, whose mesh has this digest ([`mesh`]). `sisters`: nearest first.
 /// `scale`: the parameter that is a velocity, and its value.
