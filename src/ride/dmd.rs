@@ -1,7 +1,6 @@
 //! Higher-order dynamic mode decomposition of the run's own states, as a surrogate.
 
 use crate::dmd_settings::DmdSettings;
-use crate::inputs::prescribed_in_time;
 use crate::interval::Interval;
 use crate::registry::Making;
 use crate::schedule::Step;
@@ -9,7 +8,7 @@ use crate::settings::Mode;
 use crate::surrogate::{Description, FitReport, Growth, Resumed, Seen, Start, Surrogate};
 use m4gn_base::{Error, Result, refuse};
 use m4gn_dmd::{Combination, OnlineDmd, Outlook, Restored, Settings, Settle, State, relative};
-use m4gn_state::{Array, Layout, Role, Values};
+use m4gn_state::{Array, Layout, Place, Role, Values};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -21,6 +20,12 @@ mod fields;
 pub(crate) fn rounded(strides: f64) -> f64 {
     // The times of a run that is carried on have other last bits, and what is predicted has not.
     (strides * 1e9).round() / 1e9
+}
+
+/// Names of the arrays that are prescribed in time at faces: what a flow is driven by.
+fn prescribed_in_time(layout: &Layout) -> Vec<&str> {
+    let all = layout.arrays().iter();
+    all.filter(|a| a.role == Role::Prescribed && a.place == Place::Faces).map(|a| a.name.as_str()).collect()
 }
 
 /// What is kept for a run that is carried on, beside the snapshots.

@@ -4,13 +4,7 @@ use crate::dmd::{DmdSurrogate, rounded};
 use crate::ride::Ride;
 use m4gn_base::{Error, Result, refuse};
 use m4gn_dmd::Combination;
-use m4gn_state::{Layout, Place, Role, Values};
-
-/// Names of the arrays that are prescribed in time at faces: what a flow is driven by.
-pub(crate) fn prescribed_in_time(layout: &Layout) -> Vec<&str> {
-    let all = layout.arrays().iter();
-    all.filter(|a| a.role == Role::Prescribed && a.place == Place::Faces).map(|a| a.name.as_str()).collect()
-}
+use m4gn_state::{Role, Values};
 
 impl DmdSurrogate {
     /// Strides from the present snapshot to a time from now on, s.
