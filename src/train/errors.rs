@@ -1,6 +1,9 @@
 //! Root-mean-square errors as Table 1 of the paper takes them: over nodes, components and time steps, unweighted. One
 //! definition for the validations of `m4gn train`, for `m4gn validate`, `m4gn compare` and `m4gn hybrid`.
 
+/// Recorded frames that RMSE-50 is over, in training as in `m4gn validate`.
+pub const HORIZON: usize = 50;
+
 /// Sum of squared differences and their number.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SquaredError {

@@ -32,9 +32,9 @@ extern crate self as m4gn_train;
 pub mod sample;
 
 pub use data_set::model_of;
+pub use errors::HORIZON;
 pub use request::Request;
 pub use trainer::{Task, train};
-pub use validation::HORIZON;
 
 use m4gn_base::Result;
 use m4gn_learn::NativeBackend;

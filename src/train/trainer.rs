@@ -3,11 +3,11 @@
 use super::checkpoint::{self, Progress};
 use super::config::Config;
 use super::diagnostics::{self, Advice};
+use super::errors::HORIZON;
 use super::log::{Journal, Row, Validation};
 use super::report::Report;
 use super::request::Request;
 use super::start::load;
-use super::validation::HORIZON;
 use m4gn_base::{Error, Result};
 use m4gn_engine::backward::{Layout, Optimiser, norm};
 use m4gn_learn::Workload;

@@ -1,15 +1,12 @@
 //! A validation: rollouts of the validation trajectories, by which the best weights are chosen, measured as `m4gn validate` does.
 
-use super::errors::{Figures, SquaredError};
+use super::errors::{Figures, HORIZON, SquaredError};
 use super::log::Validation;
 use super::report::Report;
 use super::trainer::Trainer;
 use m4gn_base::Result;
 use m4gn_learn::Rollout;
 use m4gn_learn::data_parallel::roll_out_together;
-
-/// Recorded frames that RMSE-50 is over, in training as in `m4gn validate`.
-pub const HORIZON: usize = 50;
 
 impl Trainer<'_> {
     /// Rolls out the validation trajectories and keeps the weights if they are the best so far by the first predicted field. Of each of
