@@ -1,12 +1,14 @@
 //! What a solver says of the solid that it computes, beside its fields: a model of solids is right for what it was trained on.
 
-use crate::trained_on::Range;
 use m4gn_mesh::body::Body;
 use serde::{Deserialize, Serialize};
 
 /// Moduli outside a range by more than this share are reported: an eigenfrequency goes with the root of E over rho, and a
 /// phase that is off by a per cent is soon another one.
 const MARGIN: f64 = 0.02;
+
+/// Lowest and highest value.
+pub type Range = [f64; 2];
 
 /// Material, loads and schemes of a body; over several trajectories what all of them have. What is not known, or does not
 /// count for the body's motion, is left out.

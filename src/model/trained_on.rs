@@ -1,6 +1,6 @@
 //! What a model was trained on, as far as a case can be compared with it: part of a model's description.
 
-use crate::solid::{Solid, range};
+use crate::solid::{Range, Solid, range};
 use m4gn_mesh::Mesh;
 use m4gn_mesh::vector::{norm, sub};
 use m4gn_parallel::Comm;
@@ -8,9 +8,6 @@ use serde::{Deserialize, Serialize};
 
 /// What lies outside a range by more than this share of it is reported.
 const MARGIN: f64 = 0.25;
-
-/// Lowest and highest value.
-pub type Range = [f64; 2];
 
 /// Values of an input field in the data.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
