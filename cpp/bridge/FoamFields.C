@@ -64,13 +64,7 @@ bool m4gn::FoamCase::has_field(rust::Str name, std::size_t time)
 rust::Vec<double> m4gn::FoamCase::scalar_field(rust::Str name, std::size_t time)
 {
     data_->set_time(time);
-    const Foam::volScalarField& field = data_->read(data_->scalars, field_name(name));
-    rust::Vec<double> result;
-    result.reserve(field.size());
-    for (const Foam::scalar value : field.primitiveField()) {
-        result.push_back(value);
-    }
-    return result;
+    return numbers(data_->read(data_->scalars, field_name(name)).primitiveField());
 }
 
 rust::Vec<double> m4gn::FoamCase::vector_field(rust::Str name, std::size_t time)
@@ -114,18 +108,12 @@ rust::Vec<double> m4gn::FoamCase::force(rust::Str patch, std::size_t time)
     }
 
     // Sf points out of the fluid, into the body.
-    Foam::vector sums[2] = {Foam::Zero, Foam::Zero};
+    Foam::vectorField sums(2, Foam::Zero);
     forAll(area, face) {
         sums[0] += pressure[face] * area[face];
         sums[1] -= viscosity[face] * (area[face] & Foam::dev(Foam::twoSymm(gradU[face])));
     }
-    rust::Vec<double> result;
-    for (const Foam::vector& sum : sums) {
-        for (Foam::direction d = 0; d < 3; ++d) {
-            result.push_back(sum[d]);
-        }
-    }
-    return result;
+    return flat(sums);
 }
 
 rust::Vec<double> m4gn::FoamCase::flow(rust::Str patch, std::size_t time)
@@ -134,7 +122,7 @@ rust::Vec<double> m4gn::FoamCase::flow(rust::Str patch, std::size_t time)
     data_->set_time(time);
     const Foam::vectorField& U = data_->read(data_->vectors, "U").boundaryField()[i];
     const Foam::vectorField& area = data_->mesh->Sf().boundaryField()[i];
-    double sums[5] = {0, 0, 0, 0, 0};
+    std::vector<double> sums(5, 0);
     // An `empty` patch has faces and no values.
     forAll(U, face) {
         sums[0] += U[face] & area[face];
@@ -143,9 +131,5 @@ rust::Vec<double> m4gn::FoamCase::flow(rust::Str patch, std::size_t time)
             sums[2 + d] += U[face][d] * Foam::mag(area[face]);
         }
     }
-    rust::Vec<double> result;
-    for (const double sum : sums) {
-        result.push_back(sum);
-    }
-    return result;
+    return numbers(sums);
 }

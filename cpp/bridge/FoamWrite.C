@@ -180,7 +180,5 @@ rust::Vec<double> m4gn::FoamCase::products(const rust::Vec<rust::String>& names)
             }
         }
     }
-    rust::Vec<double> result;
-    std::copy(sums.begin(), sums.end(), std::back_inserter(result));
-    return result;
+    return numbers(sums);
 }
