@@ -11,6 +11,7 @@ use cxx::UniquePtr;
 use serde::Deserialize;
 use std::{
     cell::RefCell,
+    error::Error,
     ffi::{CStr, CString, c_char},
     panic::{AssertUnwindSafe, catch_unwind},
 };
@@ -77,10 +78,10 @@ thread_local! {
 }
 
 /// Runs `f`; its error, or a panic, becomes status 1 and the last error's message.
-fn guarded(f: impl FnOnce() -> Result<(), String>) -> i32 {
+fn guarded(f: impl FnOnce() -> Result<(), Box<dyn Error>>) -> i32 {
     let message = match catch_unwind(AssertUnwindSafe(f)) {
         Ok(Ok(())) => return 0,
-        Ok(Err(message)) => message,
+        Ok(Err(error)) => error.to_string(),
         Err(panic) => {
             let text = panic.downcast_ref::<String>().map(String::as_str);
             let text =
@@ -128,7 +129,7 @@ pub unsafe extern "C" fn m4gn_foam_open(path: *const c_char, case: *mut *mut Cas
         unsafe { *case = std::ptr::null_mut() };
         // SAFETY: this function's contract.
         let path = unsafe { utf8(path) }?;
-        let foam = foam::open_case(path).map_err(|e| e.to_string())?;
+        let foam = foam::open_case(path)?;
         let opened = Box::new(Case { foam, json: CString::default(), data: Vec::new() });
         // SAFETY: as above.
         unsafe { *case = Box::into_raw(opened) };
@@ -160,8 +161,8 @@ pub unsafe extern "C" fn m4gn_foam_describe(case: *mut Case, json: *mut *const c
     guarded(|| {
         // SAFETY: null or an open case that nobody else uses during the call, by this function's contract.
         let case = unsafe { case.as_mut() }.ok_or("expected an open case, found a null pointer")?;
-        let text = case.foam.describe().map_err(|e| e.to_string())?;
-        case.json = CString::new(text).map_err(|e| e.to_string())?;
+        let text = case.foam.describe()?;
+        case.json = CString::new(text)?;
         if json.is_null() {
             return Err("expected a place for the description, found a null pointer".into());
         }
@@ -188,7 +189,7 @@ pub unsafe extern "C" fn m4gn_foam_query(
         // SAFETY: this function's contract.
         let request = unsafe { utf8(request) }?;
         let query = serde_json::from_str(request).map_err(|e| format!("query {request}: {e}"))?;
-        case.data = answer(&mut case.foam, query).map_err(|e| e.to_string())?;
+        case.data = answer(&mut case.foam, query)?;
         if data.is_null() || count.is_null() {
             return Err("expected places for the answer, found a null pointer".into());
         }
@@ -222,8 +223,7 @@ pub unsafe extern "C" fn m4gn_foam_mesh(
         let pairs: Vec<(String, String)> =
             serde_json::from_str(request).map_err(|e| format!("node types {request}: {e}"))?;
         let (keys, types) = pairs.into_iter().unzip();
-        let foam = case.foam.pin_mut();
-        foam.set_node_types(&keys, &types).map_err(|e| e.to_string())?;
+        case.foam.pin_mut().set_node_types(&keys, &types)?;
         if mesh.is_null() || body.is_null() {
             return Err("expected places for the mesh and the body, found a null pointer".into());
         }
@@ -259,11 +259,8 @@ pub unsafe extern "C" fn m4gn_foam_write(
             // SAFETY: not null, and `count` doubles by this function's contract.
             (false, _) => unsafe { std::slice::from_raw_parts(data, count) },
         };
-        let done = || -> Result<(), cxx::Exception> {
-            case.foam.write_start_fields(&write.fields, &write.note, values, &write.segment_record)?;
-            write.remove.iter().try_for_each(|name| case.foam.remove_start_field(name))
-        };
-        done().map_err(|e| e.to_string())
+        case.foam.write_start_fields(&write.fields, &write.note, values, &write.segment_record)?;
+        Ok(write.remove.iter().try_for_each(|name| case.foam.remove_start_field(name))?)
     })
 }
 
