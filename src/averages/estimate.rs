@@ -70,6 +70,10 @@ const CAUTION_MEAN: f64 = 1.0;
 const CAUTION_SQUARE: f64 = 3.0;
 /// Periods from which on the means of a signal that repeats itself are all that its mean can be: few of them look like the slowest memory.
 const MIN_PERIODS: usize = 8;
+/// Half-width of the mean of a signal that repeats itself, over its rms, below which it is not told: what its periods still change by.
+const FINEST: f64 = 2e-4;
+/// The same for a record that is wrong by its whole length, over which a signal is off its mean: its largest value is that of a sine.
+const PEAK: f64 = std::f64::consts::SQRT_2;
 /// Half-width of a record at rest, which counts no samples, over that by its samples, up to which it is taken: these are one or two then.
 const FEW_SAMPLES: f64 = 4.0;
 /// Change over the record, over the rms of the fluctuations, below which a drift widens the interval and no more.
@@ -91,6 +95,8 @@ struct Record {
     /// Number of equal pieces for the scatter: whole periods where there are some.
     pieces: usize,
     periods: Option<usize>,
+    /// Share of itself that it is shorter than so many periods.
+    lacks: f64,
     line: Option<Oscillation>,
     /// Whether the transient may not have ended.
     over: bool,
@@ -132,6 +138,11 @@ pub fn estimate(series: &Series, confidence: f64) -> Option<Estimate> {
     if periodic && n >= MIN_PERIODS {
         of_mean.half_width = of_mean.half_width.min(extent(&values));
         of_square.half_width = of_square.half_width.min(extent(&squares));
+    }
+    if periodic {
+        let least = finest(series, range, record.lacks);
+        of_mean.half_width = of_mean.half_width.max(least * power.sqrt());
+        of_square.half_width = of_square.half_width.max(least * power);
     }
     let variance = power + of_mean.of_mean;
     if !variance.is_finite() || !of_square.half_width.is_finite() {
@@ -202,7 +213,7 @@ fn record(series: &Series) -> Record {
     let line = oscillation(series, (from, end));
     let Some(found) = line.filter(|l| l.share >= OSCILLATES && l.periods >= 2.0) else {
         let pieces = SCATTER_VALUES.min(series.len() / 2).max(2);
-        return Record { range: (from, end), pieces, periods: None, line, over };
+        return Record { range: (from, end), pieces, periods: None, lacks: 0.0, line, over };
     };
     let period = (end - from) / found.periods;
     // A period that lacks a fiftieth counts: its length is not known better
@@ -214,8 +225,10 @@ fn record(series: &Series) -> Record {
     let periods = whole(end - from).max(1.0) as usize;
     let each = periods.div_ceil(SCATTER_VALUES);
     let pieces = periods / each;
-    from = (end - (pieces * each) as f64 * period).max(0.0);
-    Record { range: (from, end), pieces, periods: Some(pieces * each), line, over }
+    let whole = (pieces * each) as f64 * period;
+    from = (end - whole).max(0.0);
+    let lacks = (whole / (end - from) - 1.0).max(0.0);
+    Record { range: (from, end), pieces, periods: Some(pieces * each), lacks, line, over }
 }
 
 /// Where the transient of the values and of their fluctuations ends, and whether that is so late that it may not have ended.
@@ -261,6 +274,12 @@ fn known(values: &[f64], confidence: f64, caution: f64, small: f64) -> Option<Kn
     };
     let half_width = if significant { half_width + change } else { half_width };
     Some(Known { half_width, of_mean, freedom, change, drifts: significant && change > small })
+}
+
+/// Half-width of the mean of a signal that repeats itself, over its rms, and of the mean of its squares, over their mean: no end of a period is known
+/// better than to a row, and a record may lack a share of itself.
+pub(crate) fn finest(series: &Series, range: (f64, f64), lacks: f64) -> f64 {
+    FINEST.max(PEAK * (lacks + 1.0 / series.within(range).len().max(1) as f64))
 }
 
 /// Largest less least.

@@ -40,6 +40,18 @@ fn a_sine_is_known_after_two_periods() {
 }
 
 #[test]
+fn what_repeats_itself_is_known_to_no_more_than_its_rows() {
+    // Records that end anywhere in a period, of rows that divide none
+    for k in 0..40 {
+        let rows = 2000 + 7 * k;
+        let wave = |t: f64| (TAU * t).sin() + 0.3 * (2.0 * TAU * t + 0.7).sin();
+        let found = estimated(&of(rows, 1.0 / 37.3, |t| 2.0 + wave(t)));
+        assert!(found.periodic && (found.mean - 2.0).abs() <= found.half_width, "{rows}: {found:?}");
+        assert!((found.rms - 0.545_f64.sqrt()).abs() <= found.rms_half_width, "{rows}: {found:?}");
+    }
+}
+
+#[test]
 fn a_transient_is_cut() {
     let wave = |t: f64| (TAU * t).sin();
     let found = estimated(&of(4000, 0.01, |t| 2.0 + wave(t) + 8.0 * (-t / 1.5).exp()));

@@ -1,7 +1,7 @@
 //! Records whose end is known before their start-up is half of them: what settles to a value, or to a repeating signal.
 
 use crate::Series;
-use crate::estimate::{Estimate, Oscillation, constant, extent, oscillation, repeats};
+use crate::estimate::{Estimate, Oscillation, constant, extent, finest, oscillation, repeats};
 
 /// Largest ratio of successive changes of what settles.
 const SETTLES: f64 = 0.7;
@@ -117,7 +117,8 @@ impl End {
         }
         let squares = series.pieces(self.range, BLOCKS, |r| (r.value - self.mean).powi(2));
         let rms = self.power.sqrt();
-        let of_square = left(&squares, SAME * self.power)?;
+        let least = finest(series, self.last, 0.0);
+        let of_square = left(&squares, SAME * self.power)?.max(least * self.power);
         Some(Estimate {
             rms_half_width: rms - (self.power - of_square).max(0.0).sqrt(),
             rms_change: (squares[BLOCKS - 1] - squares[BLOCKS - 2]) / (2.0 * rms),
@@ -126,7 +127,7 @@ impl End {
             frequency_resolution: Some(1.0 / self.line.record),
             periods: Some(self.periods),
             periodic: true,
-            ..self.known(series, left(&self.means, SAME * rms)?)
+            ..self.known(series, left(&self.means, SAME * rms)?.max(least * rms))
         })
     }
 
