@@ -9,11 +9,28 @@ namespace
 //- Changes that differ by less than about the root of this count as the same
 const Foam::scalar alike = 1e-12;
 
+//- The part of its residual that the linear solver of an iteration leaves
+const Foam::scalar linearTolerance = 1e-3;
+
 } // End anonymous namespace
 
 Foam::m4gnMixing::m4gnMixing(const label depth)
     : depth_(depth), dg_(depth), df_(depth), products_(depth * depth, Zero), n_(0)
 {}
+
+Foam::dictionary Foam::m4gnMixing::linearControls(dictionary controls)
+{
+    // A coupled solver has them for each component
+    if (controls.getOrDefault<word>("type", "segregated") == "coupled") {
+        controls.set("tolerance", vector::uniform(VSMALL));
+        controls.set("relTol", vector::uniform(linearTolerance));
+    } else {
+        controls.set("tolerance", VSMALL);
+        controls.set("relTol", linearTolerance);
+    }
+
+    return controls;
+}
 
 Foam::tmp<Foam::vectorField> Foam::m4gnMixing::next(const vectorField& x, const vectorField& g)
 {

@@ -15,10 +15,6 @@ namespace
 //- Correctors that the mixing remembers
 const Foam::label correctorDepth = 20;
 
-//- The part of its residual that the linear solver of a corrector leaves. With
-//  the few per cent that are enough for a solver, the mixing learns noise.
-const Foam::scalar linearTolerance = 1e-3;
-
 } // End anonymous namespace
 
 Foam::m4gnSolidDisplacement::m4gnSolidDisplacement(const fvMesh& mesh)
@@ -158,9 +154,7 @@ Foam::label Foam::m4gnSolidDisplacement::step(const label most)
     tmp<vectorField> now(unknowns(patches));
     const vectorField unknownsBefore(now());
 
-    dictionary linear(mesh_.solverDict(D_.name()));
-    linear.set("tolerance", VSMALL);
-    linear.set("relTol", linearTolerance);
+    const dictionary linear(m4gnMixing::linearControls(mesh_.solverDict(D_.name())));
     const scalar tolerance = controls().get<scalar>("D");
 
     // As many lines as correctors that are saved

@@ -23,10 +23,6 @@ const scalar conditionTolerance = 0.01;
 //- Correctors whose change is this much of the first one's lead nowhere
 const scalar diverged = 1e6;
 
-//- The part of its residual that the linear solver of a corrector leaves. With
-//  the few per cent that are enough for a solver, the mixing learns noise.
-const scalar linearTolerance = 1e-3;
-
 //- What the model hands out to its own classes only
 struct protectedParts : public solidModel
 {
@@ -162,9 +158,7 @@ Foam::label Foam::m4gnSolids4FoamLaw::correct(
     const volScalarField& impK = mesh_.lookupObject<volScalarField>("impK");
     const surfaceScalarField impKf(mechanical().impKf());
 
-    dictionary controls(mesh_.solverDict(u.name()));
-    controls.set("tolerance", VSMALL);
-    controls.set("relTol", linearTolerance);
+    const dictionary controls(m4gnMixing::linearControls(mesh_.solverDict(u.name())));
 
     // What an attempt in vain leaves as it was: with others than these the solver's time step would begin far from its end
     const volSymmTensorField stressBefore("stressBefore", solid.sigma());

@@ -39,6 +39,11 @@ cp "$M4GN_HOME/openfoam/tutorials/cylinder/system/decomposeParDict" system
 solve 2
 reconstructPar -time 0.02 > log.reconstruct 2>&1 || fail "reconstructPar"
 below "$(difference 0.02/D ../plain/0.02/D)" 5e-3 "difference of D on two ranks"
+# All components in one system
+clean_case
+sed -i 's/^solvers.*/solvers { D { type coupled; solver PBiCCCG; preconditioner DILU; tolerance (0 0 0); relTol (0.01 0.01 0.01); } }/' system/fvSolution
+runs solidDisplacementFoam
+below "$(difference 0.02/D ../plain/0.02/D)" 5e-3 "difference of D with a coupled solver"
 # Time steps that end before the tolerance have another result
 clean_case
 echo "$anderson" > system/functions
