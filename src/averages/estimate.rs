@@ -72,7 +72,7 @@ const CAUTION_SQUARE: f64 = 3.0;
 const MIN_PERIODS: usize = 8;
 /// Half-width of the mean of a signal that repeats itself, over its rms, below which it is not told: what its periods still change by.
 const FINEST: f64 = 2e-4;
-/// The same for a record that is wrong by its whole length, over which a signal is off its mean: its largest value is that of a sine.
+/// Largest deviation of a sine from its mean, over its rms: what a share of a record that is missing, or too much, moves the mean by.
 const PEAK: f64 = std::f64::consts::SQRT_2;
 /// Half-width of a record at rest, which counts no samples, over that by its samples, up to which it is taken: these are one or two then.
 const FEW_SAMPLES: f64 = 4.0;
