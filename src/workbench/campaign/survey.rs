@@ -153,8 +153,7 @@ fn uses(text: &str, name: &str) -> bool {
     let word = |c: char| c.is_alphanumeric() || c == '_';
     // Of a field in binary, or compressed, some line has any short name by chance
     let binary = |c: char| c.is_control() && !"\t\r".contains(c);
-    let counts = |line: &&str| !line.trim_start().starts_with("//") && !line.contains(binary);
-    let lines: Vec<&str> = text.lines().filter(counts).collect();
+    let lines: Vec<&str> = text.lines().map(without_comment).filter(|line| !line.contains(binary)).collect();
     let dollar = |line: &&str| {
         let behind = line.split('$').skip(1).map(|rest| rest.trim_start_matches(['{', '.', ':', '/']));
         behind.filter_map(|rest| rest.strip_prefix(name)).any(|rest| !rest.starts_with(word))
@@ -182,6 +181,13 @@ fn uses(text: &str, name: &str) -> bool {
             }
             None => lines.iter().any(shared) && lines.iter().any(|line| mentions(line, name)),
         }
+}
+
+/// A line up to its comment, which a blank or the end of an entry comes before: of a path or a script two slashes are none.
+fn without_comment(line: &str) -> &str {
+    let begins = |at: &usize| !line[..*at].ends_with(|c: char| !c.is_whitespace() && !";{})".contains(c));
+    let comment = line.match_indices("//").map(|(at, _)| at).find(begins);
+    comment.map_or(line, |at| &line[..at])
 }
 
 /// What is said of a parameter that no file uses.
@@ -237,6 +243,9 @@ mod tests {
             ("a #calc \"2*$U\";", true),
             ("a $U0;\nb $U_x;", false),
             ("// a $U;\nb 1;", false),
+            ("b 1; // a $U", false),
+            ("b 1;//a $U", false),
+            ("a \"http://host/$U\";", true),
         ] {
             assert_eq!(uses(text, "U"), used, "{text}");
         }
