@@ -93,13 +93,23 @@ pub fn texts(source: &Source) -> Result<Vec<(String, String)>> {
 /// Checks that some file of the case uses each parameter, and returns the files that use one without including [`PARAMETERS`].
 ///
 /// # Errors
-/// [`Error::Input`] naming the parameter that no file uses, and the lines that may hold its value, or first fields that lose theirs.
+/// [`Error::Input`] naming the parameter that no file uses, and the lines that may hold its value, first fields that lose theirs, or the file that has
+/// them from one run's folder.
 pub fn check_uses(source: &Source, parameters: &[Parameter], texts: &Texts) -> Result<Vec<String>> {
     let names = source.files()?;
     for parameter in parameters {
         let name = &parameter.name;
         if !texts.iter().any(|(_, text)| uses(text, name)) {
             return Err(Error::Input(unused(&source.folder, parameter, texts)));
+        }
+    }
+    for (file, text) in texts {
+        if let Some(path) = text.lines().map(without_comment).find_map(of_one_folder) {
+            return Err(Error::Input(format!(
+                "{}: {file} names {path}, which is the same for all runs: expected each run's own, \"<system>/simulationParameters\" in dictionaries and \
+                 {PARAMETERS} in scripts",
+                source.folder.display()
+            )));
         }
     }
     let text = |name: &str| texts.iter().find(|(n, _)| n == name).map_or("", |(_, text)| text.as_str());
@@ -181,6 +191,12 @@ fn uses(text: &str, name: &str) -> bool {
             }
             None => lines.iter().any(shared) && lines.iter().any(|line| mentions(line, name)),
         }
+}
+
+/// The absolute path of [`PARAMETERS`] in a line, if it has one.
+fn of_one_folder(line: &str) -> Option<&str> {
+    let words = line.split(|c: char| c.is_whitespace() || "\"'=;".contains(c));
+    words.filter(|word| word.ends_with(PARAMETERS)).find(|word| word.starts_with(['/', '~']))
 }
 
 /// A line up to its comment, which a blank or the end of an entry comes before: of a path or a script two slashes are none.
@@ -369,6 +385,11 @@ mod tests {
             assert_eq!(check_uses(&case, &["Uin=1:2".parse().unwrap()]).is_ok(), copied, "{script:?}");
             let (_dir, case) = source(&[("0/U", "$Uin"), ("0.orig/U", "1"), script]);
             assert_eq!(check_uses(&case, &["Uin=1:2".parse().unwrap()]).is_err(), copied, "{script:?}");
+        }
+        for (path, told) in [("/a/case", true), ("~/case", true), ("$FOAM_CASE", false), ("..", false)] {
+            let text = format!("#include \"{path}/{PARAMETERS}\"\nvalue uniform ($Uin 0 0);\n");
+            let (_dir, case) = source(&[("0/U", &text)]);
+            assert_eq!(check_uses(&case, &["Uin=1:2".parse().unwrap()]).is_err(), told, "{path}");
         }
         assert_eq!(of("size=1:2").unwrap(), ["system/geometry"], "used, and not included");
         assert!(of("siz=1:2").is_err());
