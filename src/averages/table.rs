@@ -159,6 +159,9 @@ fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
             }
             continue;
         }
+        // Brackets of names are none of vectors: `mag(U)` in OpenFOAM's fieldMinMax
+        let mut before = ' ';
+        let line = &*line.replace(|c| std::mem::replace(&mut before, c).is_alphabetic() && c == '(', "[");
         let mut words = words(line);
         let Some(time) = words.next() else { continue };
         let hint = if place.is_none() { "; names of columns stand in a line that begins with #" } else { "" };
@@ -186,8 +189,8 @@ fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
         }
         if found.times.last().is_some_and(|last| time <= *last) {
             return Err(format!(
-                "line {}: expected a time later than that of the row before ({}), found {time}; a table has one row for each time, with as many digits \
-                 as tell steps apart (timePrecision of controlDict)",
+                "line {}: expected a time later than that of the row before ({}), found {time}; a table has one row for each time (fieldMinMax: with one \
+                 field, or location no), with as many digits as tell steps apart (timePrecision of controlDict)",
                 i + 1,
                 found.times[found.times.len() - 1]
             ));
@@ -241,7 +244,7 @@ fn sizes(row: &str) -> Vec<usize> {
             "(" | ")" => {
                 sizes.extend(Some(size).filter(|size| *size > 0));
                 size = 0;
-                depth += if word == "(" { 1 } else { -1 };
+                depth = if word == "(" { depth + 1 } else { (depth - 1).max(0) };
             }
             _ if depth > 0 => size += 1,
             _ => sizes.push(1),
@@ -347,6 +350,9 @@ mod tests {
         assert_eq!(column(two, "average(grad(U))_xx").unwrap().values, [4.0]);
         let extremes = "# Time field max location(max)\n1 p 5 (6 7 8)\n";
         assert_eq!(column(extremes, "location(max)_y").unwrap().values, [7.0]);
+        let of_speed = "# Time field min location(min) processor max\n1 mag(U) 0 (6 7 8) 1 9\n";
+        assert_eq!(column(of_speed, "location(min)_z").unwrap().values, [8.0]);
+        assert_eq!(column(of_speed, "max").unwrap().values, [9.0]);
         let probes = "# Probe 0 (0 0 0)\n# Probe 1 (1 0 0)\n#  Probe  0  1\n#  Time\n 0.1 (1 2 3) (4 5 6)\n";
         assert_eq!(column(probes, "5").unwrap().values, [5.0]);
         let commas = "# time, Cd, Cl\n1, 2, 3\n";
