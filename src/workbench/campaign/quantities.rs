@@ -27,8 +27,9 @@ pub fn quantities(functions: &[(String, String)], entries: &Entries) -> Result<(
     if !own.is_empty() {
         return Ok((own.iter().map(|q| text(q, "")).collect::<Result<_>>()?, true));
     }
+    // Function objects have names with dots and brackets, which those of quantities have not
     let mean = |name: &str, object: &str, result: &str| Quantity {
-        name: name.into(),
+        name: name.replace(|c: char| !c.is_ascii_alphanumeric() && !"_-".contains(c), "_"),
         function_object: object.into(),
         result: result.into(),
         relative: Some(0.01),
@@ -189,6 +190,8 @@ mod tests {
             [("q/operation", "sum"), ("q/fields", "(phi)"), ("q/regionType", "patch"), ("q/name", "outlet")];
         let text = of(&[("q", "surfaceFieldValue")], &patch).2;
         assert!(text.contains("# result = \"sum(outlet,phi)\""), "{text}");
+        let text = of(&[("out.1(a=b)", "surfaceFieldValue")], &[]).2;
+        assert!(text.contains("# name = \"out_1_a_b_\"\n# function_object = \"out.1(a=b)\""), "{text}");
         assert!(of(&[], &[]).2.contains("# [[quantity]]"));
     }
 }
