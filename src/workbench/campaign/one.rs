@@ -316,12 +316,13 @@ fn figures(campaign: &Campaign, case: &Path, log: &Path) -> Result<(BTreeMap<Str
         };
         let Some((value, half_width)) = found else {
             return Err(Error::Numerical(format!(
-                "{} has no finite figure of {} in {}: the run diverged, or {} published fewer than 16 values; expected a run with more, all of them finite. \
-                 With writeControl writeTime a function object publishes once, as a run writes its last state alone: give it writeControl timeStep",
+                "{} has no finite figure of {} in {}: {} published {} finite values; expected at least 16, of a run that does not diverge. Probes publish \
+                 none; with writeControl writeTime a function object publishes once, as a run writes its last state alone: give it writeControl timeStep",
                 log.display(),
                 q.name,
                 path.display(),
-                q.function_object
+                q.function_object,
+                all[&q.name]["rows"]
             )));
         };
         let own = of("frequency").filter(|f| *f > 0.0).map(|f| 1.0 / f);
