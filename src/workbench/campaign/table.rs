@@ -66,7 +66,7 @@ impl Table {
             let name = record[0].to_string();
             if !is_name(&name) {
                 return Err(format!(
-                    "line {line}: expected a name of letters, digits, _ . + - =, which names a folder, found '{name}'"
+                    "line {line}: expected a name of letters, digits, _ . + - =, which names a folder and begins with no . or -, found '{name}'"
                 ));
             }
             let values = record.iter().skip(1).map(|text| {
