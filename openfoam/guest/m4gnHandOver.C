@@ -214,6 +214,10 @@ Foam::string Foam::m4gn::unsupported(const fvMesh& mesh)
 Foam::string Foam::m4gn::changingSources(const fvMesh& mesh)
 {
     const auto asksForTime = [](const dictionary& dict) {
+        // The sun goes round: sunDirTracking, tracking in later versions
+        if (dict.getOrDefault<word>("sunDirectionModel", word::null).ends_with("racking")) {
+            return true;
+        }
         for (const entry& e : dict) {
             OStringStream code;
             if (e.isStream() && e.keyword().starts_with("code")) {
@@ -230,7 +234,7 @@ Foam::string Foam::m4gn::changingSources(const fvMesh& mesh)
     };
     // Functions of a flow rate or of a temperature
     static const wordHashSet others({"fanMomentumSource", "jouleHeatingSource"});
-    for (const word file : {"fvOptions", "MRFProperties", "porosityProperties"}) {
+    for (const word file : {"fvOptions", "MRFProperties", "porosityProperties", "radiationProperties"}) {
         const auto* dict = mesh.findObject<dictionary>(file);
         for (const entry& e : dict ? *dict : dictionary()) {
             if (!e.isDict() || !e.dict().getOrDefault<bool>("active", true)) {

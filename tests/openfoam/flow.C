@@ -259,6 +259,19 @@ TEST(tablesOverTimeAreToldFromOthers)
     EXPECT_TEXT(changing("type jouleHeatingSource; sigma table ((300 1) (400 2));"), "");
 }
 
+TEST(aSunThatGoesRoundIsNamed)
+{
+    channel c(2, 1, "fixedValue");
+    const auto changing = [&](const std::string& model) {
+        const IOdictionary radiation(
+            c.io("radiationProperties"),
+            dict("fvDOMCoeffs { solarLoadCoeffs { sunDirectionModel " + model + "; } }"));
+        return m4gn::changingSources(*c.mesh);
+    };
+    EXPECT_TEXT(changing("sunDirConstant"), "");
+    EXPECT_TEXT(changing("sunDirTracking"), "fvDOMCoeffs of radiationProperties");
+}
+
 // As solids4foam moves them
 TEST(cellsThatAreMovedOverTimeAreNamed)
 {
