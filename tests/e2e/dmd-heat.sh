@@ -65,3 +65,15 @@ flux() { awk '/^[0-9]/ && $1 == 24 && $2 == "warm" { v = $NF } END { print v }' 
 plain=$(flux ../plain/postProcessing/heat/0/wallHeatFlux.dat)
 hybrid=$(flux postProcessing/heat/0/wallHeatFlux.dat)
 below "$(off "$hybrid" "$plain")" 0.03 "heat through the warm wall, $plain W/m2, is off by"
+
+# A solver of regions, of which the case has one
+clean_case
+mkdir {0,constant,system}/air
+mv 0/{T,U,alphat,p,p_rgh} 0/air
+mv constant/{polyMesh,thermophysicalProperties,turbulenceProperties} constant/air
+cp system/fv* system/air
+{ header regionProperties; echo 'regions (fluid (air) solid ());'; } > constant/regionProperties
+control application chtMultiRegionFoam
+: > system/functions
+m4gn check . --seconds 1000 > ../log.check 2>&1 || { cat ../log.check; fail 'm4gn check of a region'; }
+expect_in ../log.check '^dmd: fits'

@@ -203,12 +203,16 @@ fn draw(family: &Family, folder: &Path, tools: &Surroundings) -> Result<()> {
 fn one(plan: &Plan, copy: &Copy, surrogate: &str, entries: &str, tools: &Surroundings) -> Result<Finding> {
     let path = copy.folder.join("report.json");
     let _ = fs::remove_file(&path);
+    let (tables, of_region) = match copy.region() {
+        Some(region) => (format!("{region}/{NAME}"), format!("region {region};")),
+        None => (NAME.to_string(), String::new()),
+    };
     // Of the surrogate before
-    let _ = fs::remove_dir_all(copy.folder.join("postProcessing").join(NAME));
+    let _ = fs::remove_dir_all(copy.folder.join("postProcessing").join(&tables));
     copy.control_dict(
         "",
         &format!(
-            "{NAME} {{ type m4gnSurrogate; mode check; report \"{}\"; seconds {}; surrogates ({surrogate}); {entries} libs (m4gnFoam); }}",
+            "{NAME} {{ type m4gnSurrogate; mode check; report \"{}\"; seconds {}; surrogates ({surrogate}); {entries} {of_region} libs (m4gnFoam); }}",
             path.display(),
             plan.seconds
         ),
@@ -227,7 +231,7 @@ fn one(plan: &Plan, copy: &Copy, surrogate: &str, entries: &str, tools: &Surroun
             .map_err(|e| Error::Internal(format!("report of mode check: {e}: {text}")))?,
     };
     let failed = done.err();
-    let decisions = decisions::read(&copy.folder, NAME)?;
+    let decisions = decisions::read(&copy.folder, &tables)?;
     let end = End { log: &log, failed: failed.as_ref(), late, seconds: plan.seconds, decisions: &decisions };
     let (why, open) = match Verdict::of(&report, &end, &copy.application) {
         Verdict::Fits => (None, false),

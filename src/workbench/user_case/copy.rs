@@ -2,8 +2,8 @@
 
 use super::script::{ORIGINAL, of_files, of_script};
 use super::{
-    BLOCK_MESH, LEFT_OUT, copy_all, entry, function_objects, has_mesh, header, log, mentions, names,
-    read_all, time, times,
+    BLOCK_MESH, LEFT_OUT, copy_all, entry, function_objects, has_mesh, has_regions, header, log, mentions,
+    names, read_all, time, times,
 };
 use crate::generate::case::put;
 use crate::generate::openfoam::absolute;
@@ -85,6 +85,15 @@ impl Copy {
             0 => vec![self.folder.clone()],
             n => (0..n).map(|i| self.folder.join(format!("processor{i}"))).collect(),
         }
+    }
+
+    /// The first by name of the regions of a case that has several; none: its mesh is that of no region.
+    pub fn region(&self) -> Option<String> {
+        if !has_regions(&self.folder) {
+            return None;
+        }
+        let constant = self.parts()[0].join("constant");
+        names(&constant).ok()?.into_iter().filter(|name| constant.join(name).join("polyMesh").is_dir()).min()
     }
 
     fn entry(&self, name: &str, tools: &Surroundings) -> Result<Option<String>> {
@@ -303,6 +312,17 @@ mod tests {
         let mut copies = copy.take(starts_or_ends(0.0)).unwrap();
         copies.push(system);
         Named::new(copy, &copy.original, beside).unwrap().follow(copies).unwrap();
+    }
+
+    #[test]
+    fn a_mesh_is_a_region_s_where_the_case_has_regions() {
+        let (_dir, copy) = case(&[]);
+        for mesh in ["solid/polyMesh", "air/polyMesh", "polyMesh"] {
+            fs::create_dir_all(copy.folder.join("constant").join(mesh)).unwrap();
+        }
+        assert_eq!(copy.region(), None);
+        fs::write(copy.folder.join("constant/regionProperties"), "").unwrap();
+        assert_eq!(copy.region().unwrap(), "air");
     }
 
     /// Whether any path below leads out of it.
