@@ -27,6 +27,8 @@ pub struct Estimate {
     pub transient_end: f64,
     /// Number of independent values whose mean would be known as well.
     pub independent_samples: f64,
+    /// Degrees of freedom of the mean's interval; infinite where it follows from no scatter.
+    pub freedom: f64,
     /// Whole periods that the mean is taken over, where the signal repeats itself or oscillates.
     pub periods: Option<usize>,
     /// Whether each period is like the one before.
@@ -168,6 +170,7 @@ pub fn estimate(series: &Series, confidence: f64) -> Option<Estimate> {
         frequency_resolution: frequency.map(|l| 1.0 / l.record),
         transient_end: series.time_at(range.0),
         independent_samples: independent,
+        freedom: of_mean.freedom,
         periods: record.periods,
         periodic,
         mean_drifts: of_mean.drifts,
@@ -307,6 +310,7 @@ pub(crate) fn constant(series: &Series, range: (f64, f64), mean: f64) -> Estimat
         mean,
         transient_end: series.time_at(range.0),
         independent_samples: series.within(range).len() as f64,
+        freedom: f64::INFINITY,
         mean_steady: true,
         rms_steady: true,
         surrogate_share: series.mean(range, |r| f64::from(r.surrogate)),

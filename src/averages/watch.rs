@@ -25,9 +25,9 @@ impl Tolerance {
 }
 
 /// Over the tolerance: half-width, and change over the record, below which what is left of a transient does not count, with the fewest independent
-/// samples that this asks for. The first is for a figure that hardly changes, and slowly, as the mean velocity in a channel; the second for a flow
-/// at rest, whose series is a solver's noise.
-const CLEARLY: [(f64, f64); 2] = [(0.3, 20.0), (1e-3, 16.0)];
+/// samples and degrees of freedom that this asks for. The first is for a figure that hardly changes, and slowly, as the mean velocity in a channel; the
+/// second for a flow at rest, whose series is a solver's noise. A few periods of what does not repeat itself have few degrees of freedom.
+const CLEARLY: [(f64, f64, f64); 2] = [(0.3, 20.0, 10.0), (1e-3, 16.0, 0.0)];
 
 /// What of a series is to be known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -42,8 +42,9 @@ impl Goal {
     /// Whether an estimate has all that is asked for: without drift and a transient that may go on, or clearly within the tolerance.
     pub fn met(&self, e: &Estimate) -> bool {
         let known = |t: Tolerance, steady, figure, half_width, change: f64| {
-            let clearly = |(share, samples)| {
-                e.independent_samples >= samples && t.met(figure, half_width / share, change / share)
+            let clearly = |(share, samples, freedom)| {
+                let enough = e.independent_samples >= samples && e.freedom >= freedom;
+                enough && t.met(figure, half_width / share, change / share)
             };
             CLEARLY.into_iter().any(clearly) || (steady && t.met(figure, half_width, change))
         };
@@ -134,6 +135,8 @@ mod tests {
         assert!(goal.met(&found(0.0089, 20.0)));
         assert!(!goal.met(&found(0.0091, 20.0)), "more than 0.3 of 0.03");
         assert!(!goal.met(&found(0.0089, 19.0)), "few samples");
+        let periods = Estimate { freedom: 9.0, ..found(0.0089, 60.0) };
+        assert!(!goal.met(&periods), "ten periods, each unlike the one before");
         assert!(goal.met(&found(2e-5, 16.0)) && !goal.met(&found(2e-5, 15.0)), "at rest");
         let steady = Estimate { mean_steady: true, ..found(0.029, 1.0) };
         assert!(goal.met(&steady));
