@@ -64,8 +64,8 @@ int32_t m4gn_averages_push(
 //- Has the longest series grown by a tenth since the last check?
 int32_t m4gn_averages_due(const m4gn_averages* averages);
 
-//- Looks at a series. 0, or 1 if there are too few rows, or values whose
-//  squares are no numbers.
+//- Looks at a series. 0, or 1 if there are too few rows, values whose squares
+//  are no numbers, or a last value that is not finite.
 int32_t m4gn_averages_check(m4gn_averages* averages, size_t series, m4gn_averages_figures* figures);
 
 //- The last check of a series in words, as many as there is room for
