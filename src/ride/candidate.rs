@@ -224,6 +224,9 @@ impl<'a> Candidate<'a> {
 
     /// What was measured and decided, for people: `who` it is, among several.
     pub fn report(&self, who: &str, digits: Digits) -> String {
+        if self.expected[0] == f64::INFINITY {
+            return format!("{who} beside the solver could not predict a stride");
+        }
         let [error, estimate] = self.expected.map(|v| digits.of(v));
         let off = format!("{who} beside the solver had an error of {error} in a stride");
         match self.verdict {
