@@ -132,6 +132,10 @@ m4gn::FoamCase::FoamCase(const std::string& path)
         FatalErrorInFunction << folder << " is not an OpenFOAM case: " << control_dict(folder)
                              << " does not exist" << Foam::exit(Foam::FatalError);
     }
+    if (Foam::isFile(folder / "constant" / "regionProperties")) {
+        FatalErrorInFunction << folder << " is a case of regions (constant/regionProperties):"
+                             << " expected a case of one mesh" << Foam::exit(Foam::FatalError);
+    }
     if (!Foam::isFile(folder / "constant" / "polyMesh" / "faces")) {
         FatalErrorInFunction
             << folder << " has no mesh: " << folder / "constant" / "polyMesh" / "faces"

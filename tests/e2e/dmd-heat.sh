@@ -77,3 +77,4 @@ control application chtMultiRegionFoam
 : > system/functions
 m4gn check . --seconds 1000 > ../log.check 2>&1 || { cat ../log.check; fail 'm4gn check of a region'; }
 expect_in ../log.check '^dmd: fits'
+refused 'is a case of regions' m4gn verify .

@@ -52,10 +52,10 @@ struct Figures {
 pub fn run(plan: &Plan, mut progress: impl FnMut(usize, usize)) -> Result<Report> {
     let case = plain_path(&plan.case)?;
     let tools = surroundings(plan.stop, plan.timeout)?;
+    let mut run = FoamCase::open(&case)?;
     let (name, decisions) = jumps::decisions(&case)?;
     let mut all: Vec<Verified> =
         jumps::jumps(&decisions)?.into_iter().map(|jump| Verified { jump, ..Verified::default() }).collect();
-    let mut run = FoamCase::open(&case)?;
     let ranks = run.description().processors;
     if is_collated(&case) {
         return Err(Error::file(
