@@ -159,9 +159,6 @@ fn rows(text: &str, name: &str) -> std::result::Result<Column, String> {
             }
             continue;
         }
-        // Brackets of names are none of vectors: `mag(U)` in OpenFOAM's fieldMinMax
-        let mut before = ' ';
-        let line = &*line.replace(|c| std::mem::replace(&mut before, c).is_alphabetic() && c == '(', "[");
         let mut words = words(line);
         let Some(time) = words.next() else { continue };
         let hint = if place.is_none() { "; names of columns stand in a line that begins with #" } else { "" };
@@ -212,10 +209,22 @@ fn is_gap(c: char) -> bool {
     c.is_whitespace() || c == '(' || c == ')' || c == ','
 }
 
+/// Whether a bracket opens behind a name, as in `mag(U)` of OpenFOAM's fieldMinMax, and is none of a vector. It is asked of each character in turn.
+fn opens_in_name() -> impl FnMut(char) -> bool {
+    let mut before = ' ';
+    move |c| {
+        let before = std::mem::replace(&mut before, c);
+        c == '(' && before.is_alphabetic()
+    }
+}
+
 /// The words of a line with their columns in the text, from 1; brackets are spaces.
 fn words(line: &str) -> impl Iterator<Item = (usize, &str)> {
     let start = line.as_ptr() as usize;
-    line.split(is_gap).filter(|w| !w.is_empty()).map(move |w| (w.as_ptr() as usize - start + 1, w))
+    let mut in_name = opens_in_name();
+    line.split(move |c| !in_name(c) && is_gap(c))
+        .filter(|w| !w.is_empty())
+        .map(move |w| (w.as_ptr() as usize - start + 1, w))
 }
 
 fn number((column, word): (usize, &str), line: usize) -> std::result::Result<f64, String> {
@@ -237,7 +246,8 @@ fn unknown(name: &str, names: &[String], line: usize) -> String {
 /// Numbers of each value behind the time of a row: one without brackets, those within the innermost brackets of others.
 fn sizes(row: &str) -> Vec<usize> {
     let values = row.trim_start_matches(is_gap).split_once(is_gap).map_or("", |(_time, values)| values);
-    let values = values.replace(',', " ").replace('(', " ( ").replace(')', " ) ");
+    let values =
+        values.replace(opens_in_name(), "[").replace(',', " ").replace('(', " ( ").replace(')', " ) ");
     let (mut sizes, mut size, mut depth) = (Vec::new(), 0, 0);
     for word in values.split_whitespace() {
         match word {
