@@ -399,6 +399,8 @@ drag() {
 # entry NAME [START]: of the summary of a run from this time, else of any.
 entry() { sed -n "s/^ *\"$1\": \([^,]*\).*/\1/p" postProcessing/test/${2:-*}/summary.json; }
 
+# times: all that the case has stored, from 0 on, in order
+times() { find . -maxdepth 1 -name '[0-9]*' -printf '%f\n' | sort -g | tr '\n' ' '; }
 # json FILE EXPRESSION: of Python, over what the file has, d
 json() { python3 -c "import json, sys; d = json.load(open(sys.argv[1])); print($2)" "$1"; }
 # figure FOLDER QUANTITY KEY [START]: of averages.json in a case, of a run from this time

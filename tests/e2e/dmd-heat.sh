@@ -36,7 +36,6 @@ compared() {
 compared laplacianFoam
 
 # It does not heed adjustTimeStep: times to write are those of its own steps, in jumps as well
-times() { find . -maxdepth 1 -name '[1-9]*' -printf '%f\n' | sort -g | tr '\n' ' '; }
 control writeInterval 1.13 deltaT '0.05; adjustTimeStep yes'
 clean_case
 : > system/functions

@@ -25,7 +25,6 @@ looks="Co { type CourantNo; libs (fieldFunctionObjects); writeControl writeTime;
 # U comes to rest: what s does is looked at
 surrogate() { echo "test { type m4gnSurrogate; libs (m4gnFoam); mode replace; surrogates (dmd); control { tolerance 0.05; fields (s); } $* }"; }
 dmd='dmd { snapshotInterval 0.25; window 24; minSnapshots 24; delays (3 5); holdOut 3; initialJump 10; maxJump 20; }'
-times() { find . -maxdepth 1 -name '[0-9]*' -printf '%f\n' | sort -g | tr '\n' ' '; }
 largest() { awk '/^internalField/ { on = 1 } /^boundaryField/ { exit } on && /^[0-9.e-]+$/ && n++ && $1 > m { m = $1 } END { print m + 0 }' "$1"; }
 total() { sed -n 's/.*totalTime *\(.*\);/\1/p' "$1/uniform/functionObjects/functionObjectProperties"; }
 
