@@ -61,7 +61,7 @@ while read -r family along across step end count fit; do
     python3 "$M4GN_HOME/bench/solids.py" "$row"
 done <<'EOD'
 vibrating-rubber 20 2 2e-3 6.64 12
-vibrating-rubber 40 4 5e-3 6.64 1 dmd
+vibrating-rubber 40 4 5e-3 6.64 12 dmd
 vibrating-rubber 56 6 5e-3 6.64 1 dmd
 vibrating-rubber 78 8 5e-3 6.64 1 dmd
 pressed-rubber 20 2 5e-3 3 12
