@@ -484,8 +484,8 @@ typedef struct m4gn_host
  * [table dmd]
  *   name               default     meaning
  *   snapshot_interval  null        Time between snapshots, the stride: a tenth to a twentieth of the flow's period [s]; null:
- *                                  found in the run: 25 of the longest recent time steps, then a fourteenth of the period that
- *                                  fits show
+ *                                  found in the run: ten of the longest recent time steps, doubled while a period that fits
+ *                                  show has more than 28 snapshots
  *   window             null        Most snapshots in a fit, up to 1000; null: 40, and 160 where boundary values are prescribed
  *                                  in time
  *   min_snapshots      null        Fewest snapshots without a gap that a fit needs; null: window, where it is given, else 40

@@ -3,7 +3,7 @@
 use crate::choose::{DRIVEN_DELAYS, choose, driven_stretch, variations, window};
 use crate::fit::{Fit, FitSettings};
 use crate::outlook::{Foreseen, Outlook};
-use crate::sampling::Grid;
+use crate::sampling::{Grid, SAME};
 use crate::settle::{Look, Settle, Turn};
 use crate::snapshots::{Combination, Snapshots, enters};
 use crate::store::Store;
@@ -333,16 +333,43 @@ impl OnlineDmd {
         }
     }
 
-    /// States are so far apart from now on (s); those that are kept go.
+    /// States are so far apart from now on (s). Where that is twice as far, every second one of the last stretch stays; else those that are kept
+    /// go. Collective.
     pub fn begin_anew(&mut self, interval: f64, time: f64) {
+        let before = self.settings.interval;
+        self.settings.interval = interval;
         // No number is used twice: files of states know them by it.
         let number = self.state.grid.map_or(0, |grid| grid.after(time) + 1);
-        self.snapshots.clear();
-        self.settings.interval = interval;
-        let grid = Grid { interval, number, time: (time / interval).floor() * interval };
+        let mut grid = Grid { interval, number, time: (time / interval).floor() * interval };
+        let mut present = None;
+        match self.state.grid.filter(|_| (interval / before - 2.0).abs() < SAME) {
+            Some(old) => {
+                self.complete();
+                let stays = self.every_second(old, interval);
+                self.snapshots.thin(&stays, number);
+                if let Some(last) = stays.last() {
+                    grid =
+                        Grid { interval, number: number + stays.len() as i64 - 1, time: old.time_of(*last) };
+                    present = Some(grid.number);
+                }
+            }
+            None => {
+                self.snapshots.clear();
+                self.last = None;
+            }
+        }
         let changed = std::mem::take(&mut self.state.changed);
-        self.state = State { grid: Some(grid), changed, ..State::default() };
-        (self.last, self.held) = (None, Vec::new());
+        self.state = State { grid: Some(grid), present, changed, ..State::default() };
+        self.held.clear();
+    }
+
+    /// Numbers of the last states without a gap that are at multiples of an interval of twice their own, s.
+    fn every_second(&self, grid: Grid, interval: f64) -> Vec<i64> {
+        let kept: Vec<i64> = self.snapshots.numbers().collect();
+        let stretch = &kept[kept.len() - self.stretch()..];
+        let is_between = |n: &i64| (0.25..0.75).contains(&(grid.time_of(*n) / interval).rem_euclid(1.0));
+        let from = usize::from(stretch.first().is_some_and(is_between));
+        stretch.iter().copied().skip(from).step_by(2).collect()
     }
 
     /// Wall time that each state of a fit's window adds to a reconstruction, s: as measured on those that are kept, mean of all ranks.

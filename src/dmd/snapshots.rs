@@ -120,6 +120,12 @@ impl Snapshots {
         self.fresh = 0;
     }
 
+    /// Drops all but those of these numbers, ascending, which are then numbered from `first` on; all have their inner products.
+    pub(crate) fn thin(&mut self, stays: &[i64], first: i64) {
+        self.entries.retain(|e| stays.binary_search(&e.number).is_ok());
+        self.entries.iter_mut().zip(first..).for_each(|(e, number)| e.number = number);
+    }
+
     /// Keeps a state; where there is no room, `spare` names the kept one (its place, oldest first) that goes. Collective.
     ///
     /// # Errors

@@ -240,6 +240,36 @@ fn samples_that_are_further_apart_begin_anew() {
     assert!(linear.snapshots().numbers().all(|n| n > 30));
 }
 
+/// The waves go on through the change, in a run that is carried on from there too.
+#[test]
+fn every_second_sample_stays_where_the_interval_is_doubled() {
+    let waves = Waves::new(&[(1.0, 0.3), (1.0, 0.65)]);
+    let feed = |linear: &mut OnlineDmd, range: std::ops::Range<usize>| {
+        for k in range {
+            let u = waves.at(k as f64);
+            assert_eq!(linear.offer(k as f64 * 0.5, 0.5, &[&u, &phi(&u)]).unwrap(), usize::from(k % 2 == 0));
+        }
+    };
+    let (folder, mut linear) = (tempfile::tempdir().unwrap(), seen(&waves, 30));
+    let path = folder.path().join("states");
+    linear.save(&path).unwrap();
+    linear.begin_anew(1.0, 14.75);
+    assert_eq!((linear.snapshots().numbers().count(), linear.stretch()), (15, 15));
+    assert!(linear.snapshots().numbers().all(|n| n > 30), "files of states know them by it");
+    feed(&mut linear, 30..40);
+    let mut other = two(Storage::Double);
+    let saved = linear.save(&path).unwrap();
+    assert_eq!(other.restore(&path, saved).unwrap(), crate::Restored::Whole);
+    for linear in [&mut linear, &mut other] {
+        feed(linear, 40..60);
+        assert_eq!(linear.stretch(), 30);
+        let error = linear.fit().unwrap().tail_error();
+        assert!(error < 1e-5, "{error:e}");
+        let off = largest(&predicted(linear, 10.0)[0], &waves.at(78.0));
+        assert!(off < 1e-3, "{off:e}");
+    }
+}
+
 #[test]
 fn trends_go_on() {
     let waves = Waves::new(&[(1.0, 0.6)]);

@@ -345,9 +345,8 @@ impl DmdSurrogate {
         let fit = self.online.fitted()?;
         if self.settings.snapshot_interval.is_none() {
             let present = self.description.stride;
-            let span = fit.numbers.len() as f64 * present;
             let holds = fit.tail_error() < self.settings.fit_tolerance;
-            if self.now.interval.take(&modes, present, span, holds) && holds {
+            if self.now.interval.take(&modes, present, holds) && holds {
                 // It is right at its states alone: between them harmonics would be waves of other frequencies.
                 self.online.forget();
                 return None;

@@ -17,7 +17,7 @@ settings! {
     /// Settings of a dmd surrogate in a run.
     pub struct DmdSettings in "dmd" {
         /// Time between snapshots, the stride: a tenth to a twentieth of the flow's period.
-        pub snapshot_interval: Option<f64> [s] = None, "found in the run: 25 of the longest recent time steps, then a fourteenth of the period that fits show";
+        pub snapshot_interval: Option<f64> [s] = None, "found in the run: ten of the longest recent time steps, doubled while a period that fits show has more than 28 snapshots";
         /// Most snapshots in a fit, up to 1000.
         pub window: Option<usize> = None, "40, and 160 where boundary values are prescribed in time";
         // The first states after a jump are not yet the solver's own.

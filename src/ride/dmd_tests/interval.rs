@@ -12,29 +12,29 @@ fn the_stride_follows_the_step() {
     host.ride = Ride::new(Comm::serial(), guest(), RideSettings::parse(settings).unwrap(), begin).unwrap();
     host.delta_t = ramp;
     host.run(1e9, |_| false);
-    assert!(host.log.contains("s: states are kept 1.2"), "{}", host.log);
+    assert!(host.log.contains("s: states are kept 5.0"), "{}", host.log);
     let fits = host.log.matches(": fit of").count();
     assert!(
-        fits < 30 && !host.log.contains("error of 1.") && !host.log.contains("error of 2."),
+        fits < 30 && !host.log.contains("have an error of 1.") && !host.log.contains("have an error of 2."),
         "{}",
         host.log
     );
-    assert!(!host.jumps.is_empty() && host.worst < 1e-3, "{} {:?}\n{}", host.worst, host.jumps, host.log);
+    assert!(!host.jumps.is_empty() && host.worst < 1e-2, "{} {:?}\n{}", host.worst, host.jumps, host.log);
     // And back, once the long steps are long gone.
     let stride = host.ride.candidates[0].stride();
-    assert!((0.125..=0.25).contains(&stride), "{stride}");
+    assert!((0.05..=0.1).contains(&stride), "{stride}");
     (host.delta_t, host.end) = (|_| 0.001, 400.0);
     host.run(1e9, |_| false);
     let stride = host.ride.candidates[0].stride();
-    assert!((0.0125..=0.05).contains(&stride), "{stride}");
+    assert!((0.005..=0.02).contains(&stride), "{stride}");
 }
 
-/// Where a case sets no interval: 25 steps are a hundredth of the wave's period, and states are then a fourteenth of it apart.
+/// Where a case sets no interval: ten steps are a hundredth of the wave's period, and the interval is doubled until it is some fourteenth.
 #[test]
 fn the_stride_follows_the_period() {
     let settings = r#"{"mode": "replace", "surrogates": ["dmd"], "dmd": {"initialJump": 5, "window": 24}}"#;
     let mut host = Host::new(settings, 0.0, 0, 60.0, solver(0.0, 1e9));
-    host.delta_t = |_| 0.001;
+    host.delta_t = |_| 0.0025;
     host.run(f64::INFINITY, |_| false);
     assert!(host.log.contains(": fits show a period of "), "{}", host.log);
     let stride = host.ride.candidates[0].stride();
@@ -42,28 +42,28 @@ fn the_stride_follows_the_period() {
     assert!(!host.jumps.is_empty() && host.worst < 0.05, "{} {:?}\n{}", host.worst, host.jumps, host.log);
 }
 
-/// 25 steps are a third of the large wave's period, and more than half of the small one's: a fit of such states holds, and is wrong between them.
+/// Ten steps are a third of the large wave's period, and more than half of the small one's: a fit of such states holds, and is wrong between them.
 #[test]
 fn the_stride_is_shorter_where_a_period_has_few_steps() {
     let settings = r#"{"mode": "replace", "surrogates": ["dmd"], "dmd": {"initialJump": 5, "window": 24}}"#;
     let mut host = Host::new(settings, 0.0, 0, 60.0, solver(0.0, 1e9));
-    (host.delta_t, host.looks) = (|_| 0.045, 1.0);
-    let begin = Step { delta_t: 0.045, ..host.now() };
+    (host.delta_t, host.looks) = (|_| 0.1125, 1.0);
+    let begin = Step { delta_t: 0.1125, ..host.now() };
     host.ride = Ride::new(Comm::serial(), guest(), RideSettings::parse(settings).unwrap(), begin).unwrap();
     host.run(1e9, |_| false);
     assert!(host.log.contains(": fits show a period of 3.307e0 s: states are kept 2.36"), "{}", host.log);
     assert!(!host.jumps.is_empty() && host.worst < 0.1, "{} {:?}\n{}", host.worst, host.jumps, host.log);
 }
 
-/// 25 steps are nearly a period: states show a wave of sixteen times that, and a fit of them holds and is wrong between them.
+/// Ten steps are nearly a period: states show a wave of sixteen times that, and a fit of them holds and is wrong between them.
 #[test]
 fn states_that_miss_waves_are_set_nearer() {
     let settings = r#"{"mode": "replace", "surrogates": ["dmd"], "control": {"tolerance": 1, "relTol": 1}, "dmd": {"initialJump": 5, "window": 24INTERVAL}}"#;
     let run = |interval: &str| {
         let settings = settings.replace("INTERVAL", interval);
         let mut host = Host::new(&settings, 0.0, 0, 160.0, solver(0.0, 1e9));
-        (host.delta_t, host.looks) = (|_| 0.124, 1.0);
-        let begin = Step { delta_t: 0.124, ..host.now() };
+        (host.delta_t, host.looks) = (|_| 0.31, 1.0);
+        let begin = Step { delta_t: 0.31, ..host.now() };
         host.ride =
             Ride::new(Comm::serial(), guest(), RideSettings::parse(&settings).unwrap(), begin).unwrap();
         host.run(1e9, |_| false);
