@@ -310,25 +310,6 @@ pub fn flow(x: [f64; 3], centre: [f64; 2]) -> ([f32; 2], f32) {
     ([(1.0 - 3.0 * swirl * r[1]) as f32, (3.0 * swirl * r[0]) as f32], -swirl as f32)
 }
 
-/// The vortex as a solver has it on its part of a mesh: U and p, each at cells and boundary faces.
-pub fn vortex(mesh: &Mesh, time: f64) -> [(Vec<f64>, Vec<f64>); 2] {
-    let mut fields = [(Vec::new(), Vec::new()), (Vec::new(), Vec::new())];
-    let at = |x| flow(x, [0.3 + time, 0.5]);
-    let wide = |u: [f32; 2]| [f64::from(u[0]), f64::from(u[1]), 0.0];
-    for &x in &mesh.cell_centres {
-        let (u, p) = at(x);
-        fields[0].0.extend(wide(u));
-        fields[1].0.push(f64::from(p));
-    }
-    for face in &mesh.boundary {
-        let outlet = face.kind == NodeType::Outlet;
-        let (u, p) = at(mesh.cell_centres[face.owner as usize]);
-        fields[0].1.extend(if outlet { wide(u) } else { [0.5, 0.0, 0.0] });
-        fields[1].1.push(if outlet { 0.0 } else { f64::from(p) });
-    }
-    fields
-}
-
 /// Connected pieces of equal segments of an undecomposed mesh, by merging labels until nothing changes.
 pub fn pieces(mesh: &Mesh, segment: &[i32]) -> usize {
     let mut piece: Vec<usize> = (0..mesh.n_cells()).collect();
