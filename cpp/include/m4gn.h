@@ -29,7 +29,7 @@
 extern "C" {
 #endif
 
-#define M4GN_ABI_VERSION 18
+#define M4GN_ABI_VERSION 19
 
 /* Pass instead of MPI_Comm_c2f(comm) where the host runs without MPI. */
 #define M4GN_NO_MPI INT32_MIN
@@ -643,10 +643,6 @@ int32_t m4gn_segments_n_segments(const m4gn_segments* segments);
 /* Segment of each of this rank's cells [n_cells], 0 to K-1. */
 int32_t m4gn_segments_cells(const m4gn_segments* segments, int32_t* cell_segment);
 
-/* Over all ranks: nodes (cells and boundary faces) of each segment [K], and edges from one segment to another [K*K];
- * two segments that share n faces have n edges each way. */
-int32_t m4gn_segments_graph(const m4gn_segments* segments, double* sizes, double* adjacency);
-
 /* Modes: as many as spec says, more if the last eigenvalue is repeated. */
 int32_t m4gn_segments_n_modes(const m4gn_segments* segments);
 
@@ -664,8 +660,8 @@ typedef struct m4gn_rank_report
 /* Not collective; a function of its arguments alone. The rank of each segment, so that every rank has at least one,
  * loads are balanced and few faces lie between ranks. n_segments < n_ranks is an error. */
 int32_t m4gn_segment_ranks(
-    int32_t n_segments, const double* sizes,     /* [n_segments] nodes, or any other work */
-    const double* adjacency,                     /* [n_segments*n_segments] as m4gn_segments_graph gives it */
+    int32_t n_segments, const double* sizes, /* [n_segments] nodes, or any other work */
+    const double* adjacency,                 /* [n_segments*n_segments] faces from one segment to another */
     int32_t n_ranks, const double* rank_weights, /* [n_ranks] shares of the work, of any sum; NULL: equal */
     int32_t* segment_rank,                       /* [n_segments] */
     m4gn_rank_report* report);                   /* may be NULL */

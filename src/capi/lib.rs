@@ -40,7 +40,7 @@ pub use user_surrogate::SurrogateData;
 use std::ffi::c_char;
 
 /// `M4GN_ABI_VERSION`
-pub const ABI_VERSION: i32 = 18;
+pub const ABI_VERSION: i32 = 19;
 
 /// Version of this interface.
 #[unsafe(no_mangle)]

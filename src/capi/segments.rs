@@ -194,23 +194,6 @@ exports! {
         Ok(0)
     }
 
-    /// Sizes and adjacency of the segments.
-    fn m4gn_segments_graph(
-        segments: *const SegmentsHandle,
-        sizes: *mut f64,
-        adjacency: *mut f64,
-    ) -> i32, or |s| s; {
-        // SAFETY: segments of ours and the host's arrays of K and K x K, or null.
-        let (found, sizes, adjacency) = unsafe {
-            let found = &pointers::reference("segments", segments)?.segmentation;
-            let k = found.count;
-            (found, pointers::slice_mut("sizes", sizes, k)?, pointers::slice_mut("adjacency", adjacency, k * k)?)
-        };
-        sizes.copy_from_slice(&found.sizes);
-        adjacency.copy_from_slice(&found.adjacency);
-        Ok(0)
-    }
-
     /// Number of modes; -1 for null.
     fn m4gn_segments_n_modes(segments: *const SegmentsHandle) -> i32, or no_count; {
         // SAFETY: segments of ours, or null.
