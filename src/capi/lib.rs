@@ -70,4 +70,6 @@ exports! {
 }
 
 #[cfg(test)]
+extern crate self as m4gn;
+#[cfg(test)]
 mod tests;

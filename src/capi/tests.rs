@@ -1,10 +1,13 @@
 //! The structs against the header's layout, and the exports without a host. `tests/cabi` has the view from C++.
 
 use super::*;
-use m4gn_mesh::Mesh;
+use arrays::Host;
 use m4gn_samples::mesh as sample;
 use std::ffi::CStr;
 use std::mem::{offset_of, size_of};
+
+#[path = "../../tests/host/mod.rs"]
+mod arrays;
 
 #[test]
 fn layouts_are_those_of_the_header() {
@@ -23,53 +26,19 @@ fn layouts_are_those_of_the_header() {
     assert_eq!((size_of::<SolidData>(), offset_of!(SolidData, fixed_components)), (144, 128));
 }
 
-/// A mesh's arrays as a host has them.
-struct Host {
-    data: MeshData,
-    mesh: Mesh,
-    _names: Vec<std::ffi::CString>,
-    _pointers: Vec<*const std::ffi::c_char>,
-}
-
-/// Cells and faces only: enough to see what is checked.
-fn host() -> Host {
-    let mesh = sample::chain(4, 1.0);
-    let names: Vec<_> = mesh.patches.iter().map(|p| std::ffi::CString::new(p.as_str()).unwrap()).collect();
-    let pointers: Vec<_> = names.iter().map(|n| n.as_ptr()).collect();
-    let data = MeshData {
-        n_directions: 2,
-        directions: [0, 1, -1],
-        n_cells: 4,
-        cell_global: mesh.cell_global.as_ptr(),
-        cell_centres: mesh.cell_centres.as_flattened().as_ptr(),
-        cell_volumes: mesh.cell_volumes.as_ptr(),
-        n_faces: 3,
-        face_owner: mesh.face_owner.as_ptr(),
-        face_neighbour: mesh.face_neighbour.as_ptr(),
-        face_coeff: mesh.face_coeff.as_ptr(),
-        n_patches: 3,
-        patch_names: pointers.as_ptr(),
-        // SAFETY: integers and null pointers.
-        ..unsafe { std::mem::zeroed() }
-    };
-    Host { data, mesh, _names: names, _pointers: pointers }
-}
-
 #[test]
 fn meshes_are_copied_and_checked() {
-    let h = host();
+    let h = Host::new(sample::chain(4, 1.0));
     // SAFETY: the host's arrays live as long as h.
     let read = |data: &MeshData| unsafe { pointers::mesh(data) };
-    let mesh = read(&h.data).unwrap();
-    assert_eq!(mesh.cell_centres, h.mesh.cell_centres);
-    assert_eq!((mesh.patches.len(), mesh.directions), (3, vec![0, 1]));
+    assert_eq!(read(&h.data).unwrap(), h.mesh);
     let null = std::ptr::null();
     let broken = [
         (MeshData { n_cells: -1, ..h.data }, "n_cells: expected a count"),
         (MeshData { cell_centres: null, ..h.data }, "cell_centres: expected an array of 12, found a null"),
         (MeshData { n_directions: 4, ..h.data }, "n_directions: expected 2 or 3, found 4"),
         (MeshData { directions: [0, 7, 0], ..h.data }, "directions: expected 0 (x), 1 (y) or 2 (z), found 7"),
-        (MeshData { n_boundary: 2, ..h.data }, "boundary_owner: expected an array of 2"),
+        (MeshData { boundary_owner: std::ptr::null(), ..h.data }, "boundary_owner: expected an array of 2"),
         (MeshData { n_coupled: i32::MIN, ..h.data }, "n_coupled"),
         (MeshData { cell_volumes: h.data.cell_volumes.wrapping_byte_add(1), ..h.data }, "not aligned"),
     ];
