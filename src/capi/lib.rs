@@ -61,6 +61,31 @@ pub extern "C" fn m4gn_last_error() -> *const c_char {
     m4gn_base::plugin::last_error()
 }
 
+/// Exports that free a handle.
+macro_rules! frees {
+    ($($name:ident($handle:ty);)*) => {
+        exports! {$(
+            /// Frees it; null is none.
+            fn $name(handle: *mut $handle) -> (), or |_| (); {
+                if !handle.is_null() {
+                    // SAFETY: made by an export and freed once.
+                    drop(unsafe { Box::from_raw(handle) });
+                }
+                Ok(())
+            }
+        )*}
+    };
+}
+
+frees! {
+    m4gn_model_free(ModelHandle);
+    m4gn_session_free(SessionHandle);
+    m4gn_ride_free(RideHandle);
+    m4gn_segments_free(SegmentsHandle);
+    m4gn_modes_free(ModesHandle);
+    m4gn_recorder_free(RecorderHandle);
+}
+
 exports! {
     /// Ends MPI and PETSc if they were started here.
     fn m4gn_finalize() -> (), or |_| (); {

@@ -61,15 +61,6 @@ exports! {
         }
     }
 
-    /// Frees a model; null is none.
-    fn m4gn_model_free(model: *mut ModelHandle) -> (), or |_| (); {
-        if !model.is_null() {
-            // SAFETY: made by m4gn_model_open and freed once.
-            drop(unsafe { Box::from_raw(model) });
-        }
-        Ok(())
-    }
-
     /// Elastic modes that the mesh must have for a model; -1 for null.
     fn m4gn_model_n_elastic_modes(model: *const ModelHandle) -> i32, or guard::no_count; {
         // SAFETY: a model of ours, or null.

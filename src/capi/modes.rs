@@ -157,15 +157,6 @@ exports! {
         }
     }
 
-    /// Frees modes; null is none.
-    fn m4gn_modes_free(modes: *mut ModesHandle) -> (), or |_| (); {
-        if !modes.is_null() {
-            // SAFETY: made by m4gn_modes_new and freed once.
-            drop(unsafe { Box::from_raw(modes) });
-        }
-        Ok(())
-    }
-
     /// Modes found; -1 for null.
     fn m4gn_modes_n_modes(modes: *const ModesHandle) -> i32, or guard::no_count; {
         // SAFETY: modes of ours, or null.

@@ -204,13 +204,4 @@ exports! {
         // SAFETY: a recorder of ours, or null.
         unsafe { pointers::reference_mut("recorder", recorder)? }.guarded(|h| h.recorder.finish())
     }
-
-    /// Frees a recorder; null is none.
-    fn m4gn_recorder_free(recorder: *mut RecorderHandle) -> (), or |_| (); {
-        if !recorder.is_null() {
-            // SAFETY: made by m4gn_recorder_new and freed once.
-            drop(unsafe { Box::from_raw(recorder) });
-        }
-        Ok(())
-    }
 }

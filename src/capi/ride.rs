@@ -171,15 +171,6 @@ exports! {
         }
     }
 
-    /// Frees a ride; null is none.
-    fn m4gn_ride_free(ride: *mut RideHandle) -> (), or |_| (); {
-        if !ride.is_null() {
-            // SAFETY: made by m4gn_ride_new and freed once.
-            drop(unsafe { Box::from_raw(ride) });
-        }
-        Ok(())
-    }
-
     /// Whether the state after a step is needed.
     fn m4gn_ride_wants(ride: *const RideHandle, now: *const RideStep, wants: *mut i32) -> i32, or |s| s; {
         // SAFETY: a ride of ours and the host's structs, or null.

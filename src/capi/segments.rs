@@ -168,15 +168,6 @@ exports! {
         Ok(unsafe { pointers::reference("segments", segments)? }.record.as_ptr())
     }
 
-    /// Frees segments; null is none.
-    fn m4gn_segments_free(segments: *mut SegmentsHandle) -> (), or |_| (); {
-        if !segments.is_null() {
-            // SAFETY: made by m4gn_segments_new and freed once.
-            drop(unsafe { Box::from_raw(segments) });
-        }
-        Ok(())
-    }
-
     /// Number of segments; -1 for null.
     fn m4gn_segments_n_segments(segments: *const SegmentsHandle) -> i32, or no_count; {
         // SAFETY: segments of ours, or null.

@@ -164,15 +164,6 @@ exports! {
         }
     }
 
-    /// Frees a session; null is none.
-    fn m4gn_session_free(session: *mut SessionHandle) -> (), or |_| (); {
-        if !session.is_null() {
-            // SAFETY: made by m4gn_session_new and freed once.
-            drop(unsafe { Box::from_raw(session) });
-        }
-        Ok(())
-    }
-
     /// Time that one step advances, s; 0 for a null session.
     fn m4gn_session_stride(session: *const SessionHandle) -> f64, or |_| 0.0; {
         // SAFETY: a session of ours, or null.
