@@ -118,14 +118,10 @@ Foam::string Foam::m4gn::notHandedOver(
 
 Foam::wordList Foam::m4gn::otherMeshes(const fvMesh& mesh)
 {
-    DynamicList<word> others;
-    for (const word& name : solvedMeshes(mesh).sortedToc()) {
-        // Those of solids4foam's materials too: their interface goes on from its last displacement
-        if (name != mesh.name()) {
-            others.append(name);
-        }
-    }
-    return wordList(others);
+    // Those of solids4foam's materials too: their interface goes on from its last displacement
+    wordHashSet others(solvedMeshes(mesh));
+    others.erase(mesh.name());
+    return others.sortedToc();
 }
 
 Foam::string Foam::m4gn::unsupported(const fvMesh& mesh)
