@@ -32,9 +32,9 @@ bool computed(const volScalarField& field)
 }
 
 //- Does a source begin or end between the start and the end of the run?
-bool isForAWhile(const dictionary& dict, const Time& time)
+bool isForAWhile(const dictionary& dict, const Time& time, const word& beginName = "timeStart")
 {
-    const scalar begin = dict.getOrDefault<scalar>("timeStart", -1);
+    const scalar begin = dict.getOrDefault<scalar>(beginName, -1);
     const scalar end = begin + dict.getOrDefault<scalar>("duration", 0);
     const scalar from = time.startTime().value();
     // With another stopAt Time has no end
@@ -201,6 +201,15 @@ Foam::string Foam::m4gn::unsupported(const fvMesh& mesh)
                 why << "the source " << e.keyword()
                     << " of fvOptions begins or ends in the run (timeStart, duration)";
                 return why.str();
+            }
+        }
+    }
+    const auto* combustion = mesh.findObject<dictionary>("combustionProperties");
+    if (combustion && combustion->getOrDefault<bool>("ignite", false)) {
+        for (const dictionary& site : List<dictionary>(combustion->lookup("ignitionSites"))) {
+            if (isForAWhile(site, mesh.time(), "start")) {
+                return "one of the ignitionSites of combustionProperties begins or ends in the run"
+                       " (start, duration)";
             }
         }
     }

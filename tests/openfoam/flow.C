@@ -228,6 +228,14 @@ TEST(sourcesThatActForAPartOfARunAreNamed)
     c.run.time().stopAt(Time::stopAtControls::saNextWrite);
     EXPECT_TEXT(unsupported("timeStart 0; duration 1;"), "");
     EXPECT(unsupported("timeStart 0; duration 0.5;").find("the source ignition") == 0);
+
+    const auto ignited = [&](const std::string& entries) {
+        const IOdictionary combustion(
+            c.io("combustionProperties"), dict(entries + " ignitionSites ({ start 0; duration 0.5; });"));
+        return m4gn::unsupported(*c.mesh);
+    };
+    EXPECT(ignited("ignite yes;").find("one of the ignitionSites") == 0);
+    EXPECT_TEXT(ignited("ignite no;"), "");
 }
 
 // A zone that turns about z at 2 rad/s: of a velocity that turns with it no flux is left
