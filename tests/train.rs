@@ -53,7 +53,7 @@ fn a_training_takes_a_suggested_configuration() {
     let said = success(&suggest("data", "config.toml"));
     // Of three trajectories one is for validation; 6 x 4 rectangles are two triangles each.
     assert!(said.starts_with("2 trajectories of 48 nodes, "), "{said}");
-    assert!(said.contains("\nm4gn train --data data --config config.toml --out "), "{said}");
+    assert!(said.contains("\nm4gn train --data \"data\" --config \"config.toml\" --out "), "{said}");
     let config = std::fs::read_to_string(folder.path().join("config.toml")).unwrap();
     for words in [
         "stride = 0.01 ",

@@ -32,10 +32,6 @@ pub fn run(args: Args) -> Result<()> {
         println!("{line}");
     }
     write_whole(&args.out, suggestion.text.as_bytes())?;
-    println!(
-        "m4gn train --data {} --config {} --out MODEL.safetensors",
-        args.data.display(),
-        args.out.display()
-    );
+    println!("m4gn train --data {:?} --config {:?} --out MODEL.safetensors", args.data, args.out);
     Ok(())
 }
