@@ -6,8 +6,8 @@
 mod ranks;
 
 use m4gn_base::{Error, Result};
-use m4gn_data::{FieldMeta, FieldValues, Recorder, Split, Trajectory, WriteOptions};
-use m4gn_mesh::Mesh;
+use m4gn_data::{FieldMeta, Recorder, Split, Trajectory, WriteOptions};
+use m4gn_mesh::{Field, Mesh};
 use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
 use std::path::Path;
@@ -64,11 +64,11 @@ impl Values {
         }
     }
 
-    fn fields(&self) -> [FieldValues<'_>; 2] {
+    fn fields(&self) -> [Field<'_>; 2] {
         // Not in the order of the declaration: fields go by name.
         [
-            FieldValues { name: "p", components: 1, cells: &self.p[0], boundary: &self.p[1] },
-            FieldValues { name: "U", components: 3, cells: &self.u[0], boundary: &self.u[1] },
+            Field { name: "p", components: 1, cells: &self.p[0], boundary: &self.p[1] },
+            Field { name: "U", components: 3, cells: &self.u[0], boundary: &self.u[1] },
         ]
     }
 }

@@ -5,8 +5,8 @@ use super::pointers::{self, MeshData};
 use super::session::FieldInfo;
 use m4gn_base::settings;
 use m4gn_base::{Error, Result};
-use m4gn_data::{FieldMeta, FieldValues, Recorder, Split, WriteOptions};
-use m4gn_mesh::Mesh;
+use m4gn_data::{FieldMeta, Recorder, Split, WriteOptions};
+use m4gn_mesh::{Field, Mesh};
 use m4gn_parallel::Comm;
 use serde_json::{Map, Value};
 use std::ffi::c_char;
@@ -132,7 +132,7 @@ impl RecorderHandle {
         (n_cells, n_boundary): (usize, usize),
         cells: *const *const f64,
         boundary: *const *const f64,
-    ) -> Result<Vec<FieldValues<'a>>> {
+    ) -> Result<Vec<Field<'a>>> {
         let n = fields.len();
         // SAFETY: passed on to the caller.
         let (cells, boundary) =
@@ -147,7 +147,7 @@ impl RecorderHandle {
                     pointers::slice(&field.name, boundary, components * n_boundary)?,
                 )
             };
-            Ok(FieldValues { name: &field.name, components, cells, boundary })
+            Ok(Field { name: &field.name, components, cells, boundary })
         };
         pairs.map(one).collect()
     }

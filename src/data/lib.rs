@@ -61,7 +61,7 @@ mod damage_tests;
 mod tests;
 
 pub use other::{is_trajectory, open_other};
-pub use recorder::{FieldValues, Recorder};
+pub use recorder::Recorder;
 pub use schema::{FieldMeta, Frame, Split};
 pub use states::States;
 pub use trajectory::{Trajectory, interval, list};

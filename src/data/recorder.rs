@@ -2,23 +2,10 @@
 
 use super::{FieldMeta, Frame, WriteOptions, Writer};
 use m4gn_base::{Error, Result};
-use m4gn_mesh::Mesh;
 use m4gn_mesh::whole::whole_mesh;
+use m4gn_mesh::{Field, Mesh};
 use m4gn_parallel::Comm;
 use std::path::Path;
-
-/// One field of one rank at one time, as a solver has it.
-#[derive(Clone, Copy, Debug)]
-pub struct FieldValues<'a> {
-    /// Name, as declared in [`WriteOptions::fields`].
-    pub name: &'a str,
-    /// 1, or 3 for a vector (x, y, z; directions that are not solved are left out of the file).
-    pub components: usize,
-    /// `[components * n_cells]` of this rank.
-    pub cells: &'a [f64],
-    /// `[components * n_boundary]` of this rank.
-    pub boundary: &'a [f64],
-}
 
 /// A trajectory being recorded by all ranks of a communicator.
 ///
@@ -81,7 +68,7 @@ impl Recorder {
     /// # Errors
     /// [`Error::Input`] and [`Error::Numerical`] leave the recording as it was; after [`Error::File`] it is
     /// given up (see [`Writer::append`]).
-    pub fn append(&mut self, time: f64, values: &[FieldValues]) -> Result<()> {
+    pub fn append(&mut self, time: f64, values: &[Field]) -> Result<()> {
         let local = self.comm.agree(self.select(values))?;
         let gathered = self.comm.gather(&local);
         let result = match (&mut self.root, gathered) {
@@ -112,7 +99,7 @@ impl Recorder {
     }
 
     /// This rank's values as they are stored: for each field its cells, then its boundary faces.
-    fn select(&self, values: &[FieldValues]) -> Result<Vec<f32>> {
+    fn select(&self, values: &[Field]) -> Result<Vec<f32>> {
         let mut local = Vec::new();
         for field in &self.fields {
             let name = &field.name;

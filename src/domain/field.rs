@@ -1,19 +1,6 @@
-//! Fields as a host has them.
+//! Predicted fields, as a host has them.
 
 use m4gn_base::{Error, Result, refuse};
-
-/// A field at one time on this rank. Vectors are three values (x, y, z) a row whatever the solved directions.
-#[derive(Clone, Copy, Debug)]
-pub struct Field<'a> {
-    /// Name, as in the model.
-    pub name: &'a str,
-    /// 1 or 3.
-    pub components: usize,
-    /// `[n_cells x components]`
-    pub cells: &'a [f64],
-    /// `[n_boundary x components]`, face values.
-    pub boundary: &'a [f64],
-}
 
 /// Where a predicted field goes.
 #[derive(Debug)]

@@ -15,11 +15,12 @@ mod kind;
 pub use body::MeshEdge;
 pub use boundary::{Boundary, as_seen, faces_seen_as_their_cells, impose};
 pub use components::Components;
-pub use field::{Field, FieldMut, expect_shape};
+pub use field::{FieldMut, expect_shape};
 pub use host::{Host, HostOptions, Hosted, Predict, fits, open};
 pub use kind::{Kind, Statistics, check_kind, moves, operator, shared};
 
 use m4gn_base::Result;
+pub use m4gn_mesh::Field;
 use m4gn_mesh::Mesh;
 use m4gn_model::modal::ModalSource;
 use m4gn_model::{Level, ModelSpec, SegmentSpec};

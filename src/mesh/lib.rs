@@ -12,6 +12,7 @@ mod coupled;
 pub mod elements;
 mod extent;
 pub mod ffi;
+mod field;
 pub mod joined;
 pub mod nearest;
 pub mod surface;
@@ -30,6 +31,7 @@ pub use cell_sizes::CELL_SIZE;
 pub use check::GlobalSizes;
 pub use coupled::Ghosts;
 pub use extent::Extent;
+pub use field::Field;
 use m4gn_base::{Error, Result};
 
 /// What a node of the graph stands for; the one-hot part of the node features (paper, table 2, `n_i`).

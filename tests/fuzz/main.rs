@@ -11,11 +11,11 @@ mod host;
 mod ride;
 
 use fuzzing::{Random, fuzz};
-use m4gn_data::{FieldMeta, FieldValues, Recorder, Split, Trajectory, WriteOptions};
+use m4gn_data::{FieldMeta, Recorder, Split, Trajectory, WriteOptions};
 use m4gn_model::Model;
 use m4gn_parallel::Comm;
 use m4gn_samples::mesh as sample;
-use m4gn_step::{Session, SessionOptions};
+use m4gn_step::{Field, Session, SessionOptions};
 use std::path::{Path, PathBuf};
 
 fn root() -> &'static Path {
@@ -73,7 +73,7 @@ fn recorded_flow() -> Vec<u8> {
     let mut recorder = Recorder::create(&Comm::serial(), &mesh, &path, &options).unwrap();
     let (cells, faces) = (vec![0.25; 3 * mesh.n_cells()], vec![0.5; 3 * mesh.boundary.len()]);
     for frame in 0..3 {
-        let of = |name, components| FieldValues {
+        let of = |name, components| Field {
             name,
             components,
             cells: &cells[..components * mesh.n_cells()],
