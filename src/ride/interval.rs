@@ -12,7 +12,7 @@ const IN_A_PERIOD: f64 = 14.0;
 /// Steps whose longest is remembered: between once and twice as many.
 const LATE: usize = 500;
 
-/// An interval within this factor of the one that is wanted stays: a change costs a window.
+/// An interval within this factor of the one that is wanted stays: a shorter one costs a window.
 const NEAR: f64 = 2.0;
 
 /// States that have missed faster waves are set nearer by this factor.
