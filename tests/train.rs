@@ -43,13 +43,14 @@ fn m4gn(folder: &Path, arguments: &[&str]) -> String {
 #[test]
 fn a_training_takes_a_suggested_configuration() {
     let folder = sample::folder();
-    let suggest = |data: &str, out: &str| {
+    let in_minutes = |minutes: &str, data: &str, out: &str| {
         program::m4gn()
             .current_dir(folder.path())
-            .args(["suggest", data, "--minutes", "0.05", "--out", out])
+            .args(["suggest", data, "--minutes", minutes, "--out", out])
             .output()
             .unwrap()
     };
+    let suggest = |data: &str, out: &str| in_minutes("0.05", data, out);
     let said = success(&suggest("data", "config.toml"));
     // Of three trajectories one is for validation; 6 x 4 rectangles are two triangles each.
     assert!(said.starts_with("2 trajectories of 48 nodes, "), "{said}");
@@ -69,6 +70,14 @@ fn a_training_takes_a_suggested_configuration() {
     assert!(folder.path().join("a.safetensors").is_file());
 
     refused(&suggest("data", "data/000.h5"), "it would replace what is read (data)");
+    let edited = format!("# edited\n{config}");
+    std::fs::write(folder.path().join("config.toml"), &edited).unwrap();
+    refused(
+        &suggest("data", "config.toml"),
+        "config.toml: is there already: give another --out, or delete it",
+    );
+    assert_eq!(std::fs::read_to_string(folder.path().join("config.toml")).unwrap(), edited);
+    refused(&in_minutes("1e-6", "data", "none.toml"), "0.000001 minutes are too few");
     let valid = folder.path().join("valid");
     std::fs::create_dir(&valid).unwrap();
     sample::write_trajectory(&valid.join("000.h5"), 0, Split::Valid, 8).unwrap();

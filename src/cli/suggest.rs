@@ -1,8 +1,8 @@
 //! `m4gn suggest`: a training configuration for a data set.
 
 use super::claim_outputs;
-use m4gn_base::Result;
 use m4gn_base::files::write_whole;
+use m4gn_base::{Error, Result};
 use std::path::PathBuf;
 
 /// Write a training configuration for a data set: fields, stride and noise from its frames, width from the time that there is
@@ -16,7 +16,7 @@ pub struct Args {
     /// Time of the training, minutes
     #[arg(long, value_name = "M", default_value_t = 60.0, value_parser = crate::number::above_zero)]
     minutes: f64,
-    /// Configuration (*.toml) to write
+    /// Configuration (*.toml) to write, which must not be there yet
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
 }
@@ -24,9 +24,13 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// Data that cannot be read, or trained on; a file that cannot be written.
+/// Data that cannot be read, or trained on; too little time for a training; a file that is there already, or cannot be written.
 pub fn run(args: Args) -> Result<()> {
     let _claimed = claim_outputs([Some(&*args.out)], [Some(&*args.data)])?;
+    // It may have been edited since it was suggested
+    if args.out.exists() {
+        return Err(Error::file(&args.out, "is there already: give another --out, or delete it"));
+    }
     let suggestion = m4gn_workbench::suggest::suggest(&args.data, args.minutes)?;
     for line in &suggestion.seen {
         println!("{line}");

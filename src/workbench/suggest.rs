@@ -30,6 +30,8 @@ const NODES: usize = 2000;
 /// Widths, and the updates that a training should have.
 const WIDTHS: [usize; 3] = [128, 64, 32];
 const UPDATES: f64 = 6000.0;
+/// Fewer updates train nothing.
+const FEWEST_UPDATES: f64 = 100.0;
 
 /// How a field moves in one trajectory, in its own unit (root mean squares).
 struct Motion {
@@ -230,12 +232,21 @@ pub struct Suggestion {
 ///
 /// # Errors
 /// [`Error::File`] for a folder without trajectories to train on, or whose frame intervals differ; [`Error::Input`] where no field
-/// moves; what a training would refuse.
+/// moves, and for minutes in which there are fewer than a hundred updates; what a training would refuse.
 pub fn suggest(folder: &Path, minutes: f64) -> Result<Suggestion> {
     let seen = Seen::of(folder)?;
     let coarse = !seen.body && seen.cells > NODES * 3 / 2;
     let nodes = if coarse { NODES } else { seen.cells };
     let (width, bf16, step) = width(&seen, nodes, minutes)?;
+    if minutes * 60.0 < FEWEST_UPDATES * step {
+        return Err(Error::Input(format!(
+            "{minutes} minutes are too few: an update of the smallest network takes {} ms here, and {FEWEST_UPDATES} of them take {} minutes; \
+             expected more, better {}",
+            number(step * 1e3, 3),
+            number(FEWEST_UPDATES * step / 60.0, 2),
+            number(UPDATES * step / 60.0, 2)
+        )));
+    }
     let stride = seen.stride();
     let text = text(&seen, stride, coarse.then_some(nodes), width, bf16, minutes);
     model_of(folder, &Config::parse(&text)?)?;
