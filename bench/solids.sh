@@ -44,7 +44,7 @@ while read -r family along across step end count fit; do
         unset SOLIDS4FOAM_DIR SOLIDS4FOAM_LIB_DIR
         solids4foam_environment || die "there is no solids4foam in $newton" "setup/solids4foam.sh builds it of its branch feature-petsc-snes."
         if [ -n "$fit" ]; then
-            hybrid newton newton --set algorithm=newton-krylov --set tolerance=1e-2 --variant "dmd-newton=$fit,tolerance=1e-3" --baseline none
+            hybrid newton newton --set algorithm=newton-krylov --set tolerance=1e-2 --variant "dmd-newton=$fit" --baseline none
         else
             hybrid newton newton --set algorithm=newton-krylov --set tolerance=1e-8 --variant dmd-newton=dmd,anderson=off,tolerance=1e-4 \
                 --baseline newton-2=tolerance=1e-2 --baseline newton-4=tolerance=1e-4
@@ -62,7 +62,8 @@ while read -r family along across step end count fit; do
 done <<'EOD'
 vibrating-rubber 20 2 2e-3 6.64 12
 vibrating-rubber 40 4 5e-3 6.64 12 dmd
-vibrating-rubber 56 6 5e-3 6.64 1 dmd
+vibrating-rubber 56 6 5e-3 6.64 12 dmd
 vibrating-rubber 78 8 5e-3 6.64 1 dmd
 pressed-rubber 20 2 5e-3 3 12
+pressed-rubber 40 4 5e-3 3 3
 EOD
