@@ -539,7 +539,8 @@ int32_t m4gn_ride_advanced(
     m4gn_ride* ride, const m4gn_ride_step* now, const double* const* state, m4gn_ride_answer* answer);
 
 /* Within a jump whose surrogate is a fit: the state a time `before` (s) the present one, where the solver's time scheme has an old level.
- * M4GN_ERROR_INPUT for a surrogate that does not know it. */
+ * arrays[i] is the place of array i, and NULL of one that is prescribed or has no old level. M4GN_ERROR_INPUT for a surrogate that does not
+ * know it. */
 int32_t m4gn_ride_old_level(const m4gn_ride* ride, double before, double* const* arrays);
 
 /* With the setting quantities: what they are after the present state, in their order, NAN where there is none. Behind m4gn_ride_solved,

@@ -255,7 +255,7 @@ public:
             [&](m4gn_ride_answer* a) { return m4gn_ride_advanced(ride_.get(), &now, values(), a); });
     }
 
-    // The state a time `before` (s) the present one, where a time scheme has an old level.
+    // The state a time `before` (s) the present one, where a time scheme has an old level; null places of arrays that have none.
     void oldLevel(double before, const std::vector<double*>& places) const
     {
         const std::size_t n = host_->state.arrays().size();

@@ -312,12 +312,19 @@ std::vector<const double*> Foam::m4gnState::gather()
     return all;
 }
 
-std::vector<double*> Foam::m4gnState::places()
+std::vector<double*> Foam::m4gnState::places(const label before)
 {
     std::vector<double*> all;
     forAll(values_, i) {
         all.push_back(arrays_[i].role == M4GN_PRESCRIBED ? nullptr : values_[i].data());
     }
+    label arrayi = 0;
+    each([&](const auto& field) {
+        if (before > field.nOldTimes()) {
+            all[arrayi] = all[arrayi + 1] = nullptr;
+        }
+        arrayi += 2;
+    });
     return all;
 }
 

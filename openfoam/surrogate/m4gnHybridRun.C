@@ -194,8 +194,8 @@ m4gn_ride_answer Foam::m4gnHybridRun::stride()
 
 bool Foam::m4gnHybridRun::setOldLevels(const scalar deltaT)
 {
-    const std::vector<double*> places(state_.places());
     for (label before = 1; before <= state_.nOldLevels(); ++before) {
+        const std::vector<double*> places(state_.places(before));
         m4gn::check(
             m4gn_ride_old_level(ride_, before * deltaT, places.data()), "m4gnSurrogate cannot hand over");
         state_.put(before);

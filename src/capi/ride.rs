@@ -206,7 +206,7 @@ exports! {
         handle.together(
             "m4gn_ride_stride",
             // SAFETY: the host's arrays, as the header says.
-            |handle| Ok((unsafe { state::places(handle.ride.layout(), next)? }, String::new())),
+            |handle| Ok((unsafe { state::places(handle.ride.layout(), next, true)? }, String::new())),
             |handle, mut next| handle.ride.stride(&mut next),
             answer,
         )
@@ -235,7 +235,7 @@ exports! {
         // SAFETY: a ride of ours and the host's arrays, as the header says.
         unsafe {
             let handle = pointers::reference("ride", ride)?;
-            handle.ride.old_level(before, &mut state::places(handle.ride.layout(), arrays)?)?;
+            handle.ride.old_level(before, &mut state::places(handle.ride.layout(), arrays, false)?)?;
         }
         Ok(0)
     }

@@ -84,17 +84,22 @@ pub(super) unsafe fn read<'a>(layout: &Layout, state: *const *const f64) -> Resu
     all.collect::<Result<_>>().map(Some)
 }
 
-/// Where the arrays of a predicted state go; null of one that is prescribed.
+/// Where the arrays of a predicted state go; null of one that is prescribed, and where not all are needed, of one that is not wanted.
 ///
 /// # Safety
 /// Pointers must be what `m4gn.h` says.
-pub(super) unsafe fn places<'a>(layout: &Layout, next: *const *mut f64) -> Result<Vec<&'a mut [f64]>> {
+pub(super) unsafe fn places<'a>(
+    layout: &Layout,
+    next: *const *mut f64,
+    all: bool,
+) -> Result<Vec<&'a mut [f64]>> {
     let arrays = layout.arrays();
     // SAFETY: passed on to the caller.
     let values = unsafe { pointers::slice("next", next, arrays.len())? };
     let pairs = values.iter().zip(arrays);
     let place = |(&values, array): (&*mut f64, &Array)| match array.role {
         Role::Prescribed | Role::Held => Ok(&mut [][..]),
+        _ if values.is_null() && !all => Ok(&mut [][..]),
         // SAFETY: passed on to the caller; no two are the same.
         _ => unsafe { pointers::slice_mut(&array.name, values, array.numbers()) },
     };

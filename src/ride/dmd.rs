@@ -416,7 +416,7 @@ impl DmdSurrogate {
         let state = self.later(present - before / self.description.stride);
         let state = state.map_err(|e| Error::Input(format!("dmd: an old level: {e}")))?;
         for (f, &array) in self.places.iter().enumerate() {
-            if self.layout.arrays()[array].role != Role::Prescribed {
+            if self.layout.arrays()[array].role != Role::Prescribed && !out[array].is_empty() {
                 self.online.field(f, &state, out[array]);
             }
         }

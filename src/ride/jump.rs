@@ -256,7 +256,7 @@ impl Ride<'_> {
     }
 
     /// All arrays of the state so many seconds before the present one, within a jump of a fit: an old level of the solver's time scheme.
-    /// Arrays that are prescribed stay. Not collective.
+    /// Arrays that are prescribed stay, and those without a place. Not collective.
     ///
     /// # Errors
     /// [`Error::Input`] outside of a jump, and for a surrogate that is no fit.

@@ -182,6 +182,10 @@ void fits()
     ++host.index;
     p.swap(host.p);
     flux.swap(host.flux);
+    // Of the flux none is wanted
+    std::vector<double> one(host.p);
+    host.ride.oldLevel(dt, {one.data(), nullptr, nullptr});
+    REQUIRE(one == p);
     REQUIRE(m4gn_ride_old_level(host.ride.get(), dt, nullptr) == M4GN_ERROR_INPUT);
     REQUIRE(m4gn_ride_old_level(host.ride.get(), NAN, host.host().state.places().data()) == M4GN_ERROR_INPUT);
     REQUIRE(host.ride.handedBack(at(host.index)).action == M4GN_RIDE_SOLVE);
