@@ -65,5 +65,5 @@ vibrating-rubber 40 4 5e-3 6.64 12 dmd
 vibrating-rubber 56 6 5e-3 6.64 12 dmd
 vibrating-rubber 78 8 5e-3 6.64 12 dmd
 pressed-rubber 20 2 5e-3 3 12
-pressed-rubber 40 4 5e-3 3 3
+pressed-rubber 40 4 5e-3 3 12
 EOD
