@@ -1,7 +1,6 @@
 //! One surrogate of a ride, with what is measured of it.
 
 use crate::control::Control;
-use crate::fit_control::FitControl;
 use crate::log::Log;
 use crate::observe::Observer;
 use crate::schedule::Step;
@@ -44,8 +43,6 @@ impl Verdict {
 
 pub(crate) struct Candidate<'a> {
     pub surrogate: Box<dyn Surrogate + 'a>,
-    /// Of a fit.
-    pub fit_control: Option<FitControl>,
     pub shadow: Shadow,
     pub control: Option<Control>,
     /// Mode observe, from its begin.
@@ -71,7 +68,6 @@ impl<'a> Candidate<'a> {
         alike: &[String],
         log: &mut Log,
     ) -> Result<Self> {
-        let fit_control = surrogate.fits().map(|fits| FitControl::new(fits.rules()));
         let description = surrogate.describe();
         let names = layout.pick(&description.advances).into_iter().map(|a| a.name.clone());
         let mut control = None;
@@ -99,7 +95,6 @@ impl<'a> Candidate<'a> {
         log.text += &description.note;
         Ok(Candidate {
             surrogate,
-            fit_control,
             shadow: Shadow::default(),
             control,
             observer: None,
@@ -119,6 +114,11 @@ impl<'a> Candidate<'a> {
         self.surrogate.describe().stride
     }
 
+    /// Whether it is a fit of the run's own states.
+    pub fn is_fit(&self) -> bool {
+        self.surrogate.fits().is_some()
+    }
+
     /// Whether it is a fit that holds.
     pub fn has_fit(&self) -> bool {
         self.surrogate.fits().is_some_and(|fits| fits.has_fit())
@@ -136,13 +136,12 @@ impl<'a> Candidate<'a> {
 
     /// Whether it is a fit that needs the solver's states before another surrogate jumps.
     pub fn wants_solver(&self) -> bool {
-        let (Some(control), Some(fits)) = (&self.fit_control, self.surrogate.fits()) else { return false };
-        control.wants_solver(fits)
+        self.surrogate.fits().is_some_and(|fits| fits.wants_solver())
     }
 
     /// Whether this step of the solver is longer than a stride, which saves nothing then. A fit takes longer strides itself.
     pub fn is_outgrown(&self, step: &Step) -> bool {
-        self.fit_control.is_none() && self.stride() < step.delta_t * (1.0 - 1e-6)
+        !self.is_fit() && self.stride() < step.delta_t * (1.0 - 1e-6)
     }
 
     /// Whether a stride beside the solver may begin here.
@@ -153,7 +152,7 @@ impl<'a> Candidate<'a> {
     /// Whether the stride beside the solver ends here. That of a fit may with the next snapshot, from which a jump may begin.
     pub fn has_arrived(&self, step: &Step) -> bool {
         let (shadow, stride) = (&self.shadow, self.stride());
-        let next = || self.fit_control.is_some() && shadow.waiting && self.is_ready(step.time);
+        let next = || self.is_fit() && shadow.waiting && self.is_ready(step.time);
         shadow.has_arrived(step, stride) || next() && shadow.fraction(step, stride) > 0.5
     }
 
@@ -194,10 +193,7 @@ impl<'a> Candidate<'a> {
 
     /// Strides that it may jump, of a fit those that it allows, `most` at most.
     pub fn by_fit(&self, most: usize) -> usize {
-        match (&self.fit_control, self.surrogate.fits()) {
-            (Some(control), Some(fits)) => control.allows(fits, most),
-            _ => most,
-        }
+        self.surrogate.fits().map_or(most, |fits| fits.allows(most))
     }
 
     /// Strides of a jump that may begin now, `most` at most; with control none before another stride was measured.

@@ -28,9 +28,8 @@ impl Ride<'_> {
             }
         }
         // They are measured at different times, and of those that are no fits the first alone
-        let first = self.candidates.iter().position(|c| c.fit_control.is_none());
-        let mut turns =
-            self.candidates.iter().enumerate().filter(|(i, c)| c.fit_control.is_some() || Some(*i) == first);
+        let first = self.candidates.iter().position(|c| !c.is_fit());
+        let mut turns = self.candidates.iter().enumerate().filter(|(i, c)| c.is_fit() || Some(*i) == first);
         match failure {
             Some(e) if turns.all(|(_, c)| c.control.as_ref().is_some_and(Control::stays_bad)) => Err(e),
             _ => Ok(()),
@@ -43,7 +42,7 @@ impl Ride<'_> {
         if fit.is_some() || self.candidates.iter().any(|c| c.wants_solver()) {
             return fit;
         }
-        self.candidates.iter().position(|c| c.fit_control.is_none())
+        self.candidates.iter().position(|c| !c.is_fit())
     }
 
     /// The solver goes on from here: strides beside it begin, where one could be followed by a jump. `anew`: from another state than it
@@ -175,14 +174,14 @@ impl Ride<'_> {
                 self.log.text += &format!("m4gn: {} may jump again\n\n", self.who(jumper));
             }
         }
-        if self.log.strides_head.is_empty() && self.totals.stride_rows == 0 {
+        if !self.log.strides.begun {
             let names = ["Time", "surrogate", "error", "estimate", "decision"].map(String::from);
             let pairs = self.layout.pick(&self.fields);
             let pairs =
                 pairs.iter().flat_map(|f| ["error", "change"].map(|kind| format!("{kind}({})", f.name)));
             let names: Vec<String> = names.into_iter().chain(pairs).collect();
-            self.log.strides_head =
-                digits.header(&["Strides of the surrogates beside the solver".into()], &[], &names);
+            let lines = ["Strides of the surrogates beside the solver".into()];
+            self.log.strides.begin(digits.header(&lines, &[], &names));
         }
         for candidate in &mut self.candidates {
             if candidate.measured.is_none() && candidate.verdict == Verdict::None {
@@ -209,8 +208,7 @@ impl Ride<'_> {
                 candidate.verdict.word().into(),
             ];
             columns.extend(measured.iter().flatten().map(|v| digits.of(*v)));
-            self.log.strides += &row(&columns);
-            self.totals.stride_rows += 1;
+            self.log.strides.text += &row(&columns);
         }
     }
 

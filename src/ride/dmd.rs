@@ -1,13 +1,14 @@
 //! Higher-order dynamic mode decomposition of the run's own states, as a surrogate.
 
 use crate::dmd_settings::DmdSettings;
+use crate::fit_control::FitControl;
 use crate::interval::Interval;
 use crate::registry::Making;
 use crate::schedule::Step;
 use crate::settings::Mode;
-use crate::surrogate::{Description, FitReport, Growth, Resumed, Seen, Start, Surrogate};
+use crate::surrogate::{Description, Growth, Resumed, Start, Surrogate};
 use m4gn_base::{Error, Result, refuse};
-use m4gn_dmd::{Combination, OnlineDmd, Outlook, Restored, Settings, Settle, State, relative};
+use m4gn_dmd::{Combination, OnlineDmd, Outlook, Restored, Settings, Settle, State};
 use m4gn_state::{Array, Layout, Place, Role, Values};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -36,11 +37,11 @@ pub(crate) struct RestartState {
     /// Strides of the jump that is going on, whole or not.
     pub ahead: f64,
     /// Time from which predictions begin, s, and how long after the present snapshot that is, in strides.
-    begin: f64,
+    pub begin: f64,
     pub offset: f64,
     /// Whether the next snapshot is the first one after a jump.
-    jumped: bool,
-    interval: Interval,
+    pub jumped: bool,
+    pub interval: Interval,
     /// What is known of the wave of the start-up, the change that is due, and how the run would have gone on without the last one.
     pub settle: Settle,
     pub cut: Option<Outlook>,
@@ -57,6 +58,8 @@ pub struct DmdSurrogate {
     pub(crate) settings: DmdSettings,
     /// Those of a fit with inputs.
     driven: DmdSettings,
+    /// When it is fitted, used and dropped.
+    pub(crate) control: FitControl,
     pub(crate) now: RestartState,
     predicted: Option<Combination>,
     /// Strides that it is ahead of where it was predicted from.
@@ -126,6 +129,7 @@ impl DmdSurrogate {
             places,
             online,
             driven: settings.clone().driven(),
+            control: FitControl::new(&settings),
             settings,
             now: RestartState {
                 begin: of.start.time,
@@ -146,7 +150,7 @@ impl DmdSurrogate {
         Some(name.into())
     }
 
-    fn other_interval(&self, delta_t: f64) -> Option<f64> {
+    pub(crate) fn other_interval(&self, delta_t: f64) -> Option<f64> {
         self.now.interval.other(self.settings.snapshot_interval, self.description.stride, delta_t)
     }
 }
@@ -183,8 +187,10 @@ impl Surrogate for DmdSurrogate {
         self.now.ahead += self.taken;
     }
 
-    fn handed_back(&mut self, time: f64, own: bool) -> f64 {
-        let strides = (time - self.now.begin) / self.description.stride;
+    fn handed_back(&mut self, time: f64, own: bool) {
+        if !own {
+            self.control.jumped_by_others += (time - self.now.begin) / self.description.stride;
+        }
         self.now.begin = time;
         let ahead = rounded(self.now.offset + std::mem::take(&mut self.now.ahead));
         if self.now.cut.take().is_some() && own {
@@ -201,7 +207,6 @@ impl Surrogate for DmdSurrogate {
         }
         self.now.offset = self.online.since(time).unwrap_or(0.0).max(0.0);
         self.now.jumped = true;
-        strides
     }
 
     fn fits(&self) -> Option<&DmdSurrogate> {
@@ -261,7 +266,7 @@ impl Surrogate for DmdSurrogate {
     }
 }
 
-/// What a ride asks of a fit. When it is fitted, used and dropped is decided in [`crate::fit_control`].
+/// What a ride asks of a fit. When it is made, used and dropped is decided in [`crate::fit_control`].
 impl DmdSurrogate {
     /// By what rules that is decided.
     pub(crate) fn rules(&self) -> &DmdSettings {
@@ -284,41 +289,15 @@ impl DmdSurrogate {
         self.now.interval.step(step.delta_t);
     }
 
-    /// Takes the state after a step of the solver. `cuts`: a stride may begin here that cuts the start-up short. [`Error::Input`] for a state
-    /// that does not fit.
-    pub(crate) fn observe(&mut self, step: &Step, state: &[&[f64]], cuts: bool) -> Result<Seen> {
-        let arrays: Vec<&[f64]> = self.places.iter().map(|&i| state[i]).collect();
-        let between = self.online.wrong_between(step.time, step.delta_t, &arrays);
-        if between.is_some() {
-            self.drop_fit();
-            self.now.interval.missed(self.description.stride);
-        }
-        let interval = self.other_interval(step.delta_t);
-        if let Some(interval) = interval {
-            self.online.begin_anew(interval, step.time);
-            self.description.stride = interval;
-            let RestartState { begin, interval, settle, .. } = std::mem::take(&mut self.now);
-            // A start-up that was done with, or left alone, stays so
-            let settle = Some(settle).filter(Settle::is_over).unwrap_or_default();
-            self.now = RestartState { begin, interval, settle, ..RestartState::default() };
-            self.rollout = None;
-        }
-        let period = self.now.interval.period();
-        let outlook = self.online.outlook();
-        let snapshots = self.online.offer(step.time, step.delta_t, &arrays)?;
-        if snapshots == 0 {
-            return Ok(Seen { interval, period, between, ..Seen::default() });
-        }
-        self.now.begin = step.time;
-        self.now.offset = self.online.since(step.time).unwrap_or(0.0).max(0.0);
-        let jumped = std::mem::take(&mut self.now.jumped);
-        let error = outlook.map(|outlook| {
-            let trial = self.online.later(&outlook, snapshots as f64);
-            let errors = trial.ok().and_then(|trial| self.online.errors(&trial, snapshots));
-            (errors.map_or(f64::INFINITY, |e| relative(&e)), jumped)
-        });
-        let wave = if cuts && self.settings.cut_transient { self.look() } else { None };
-        Ok(Seen { interval, period, between, snapshots, contiguous: self.online.usable(), error, wave })
+    /// States are so far apart from here on, s: what was learned of others is dropped.
+    pub(crate) fn begin_anew(&mut self, interval: f64, time: f64) {
+        self.online.begin_anew(interval, time);
+        self.description.stride = interval;
+        let RestartState { begin, interval, settle, .. } = std::mem::take(&mut self.now);
+        // A start-up that was done with, or left alone, stays so
+        let settle = Some(settle).filter(Settle::is_over).unwrap_or_default();
+        self.now = RestartState { begin, interval, settle, ..RestartState::default() };
+        self.rollout = None;
     }
 
     /// Whether a stride is due that changes the state: the start-up is cut short.
@@ -338,8 +317,8 @@ impl DmdSurrogate {
         self.settings.cut_transient && self.now.settle.waits()
     }
 
-    /// Fits the last snapshots; none where there are too few without a gap, or nothing varies.
-    pub(crate) fn fit(&mut self) -> Option<FitReport> {
+    /// Fits the last snapshots, and gives the modes; none where there are too few without a gap, or nothing varies.
+    pub(crate) fn fit(&mut self) -> Option<Vec<m4gn_dmd::Mode>> {
         self.online.fit()?;
         let modes = self.online.modes();
         let fit = self.online.fitted()?;
@@ -352,22 +331,7 @@ impl DmdSurrogate {
                 return None;
             }
         }
-        Some(FitReport {
-            snapshots: fit.numbers.len(),
-            delays: fit.model.delays(),
-            rank: fit.model.rank(),
-            inputs: fit.model.inputs(),
-            unstable: fit.model.growing(),
-            held_back: fit.held_back,
-            error: fit.tail_error(),
-            errors: fit.tail.iter().map(|e| (e.name.clone(), e.error)).collect(),
-            modes,
-        })
-    }
-
-    /// Drops the fit.
-    pub(crate) fn drop_fit(&mut self) {
-        self.online.forget();
+        Some(modes)
     }
 
     /// Whether there is one.
@@ -385,11 +349,6 @@ impl DmdSurrogate {
     pub(crate) fn least_changes(&self) -> Vec<f64> {
         let all = self.online.least_changes();
         self.description.advances.iter().map(|&array| all[self.own(array)]).collect()
-    }
-
-    /// Wall time that each snapshot adds to a stride, s. Collective.
-    pub(crate) fn seconds_a_snapshot(&self) -> f64 {
-        self.online.seconds_a_state()
     }
 
     /// A rollout beside the solver begins at the present state, with the stride that [`Surrogate::predict`] takes from it.

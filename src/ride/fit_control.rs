@@ -9,10 +9,9 @@ use crate::dmd::DmdSurrogate;
 use crate::dmd_settings::DmdSettings;
 use crate::interval::LEAST_ENERGY;
 use crate::schedule::Step;
-use crate::surrogate::{Cut, FitReport, Wave};
 use crate::tables::Digits;
 use m4gn_base::Result;
-use m4gn_dmd::Mode;
+use m4gn_dmd::{Fit, Mode, relative};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
@@ -41,13 +40,13 @@ pub(crate) struct FitControl {
     best: f64,
     contiguous: usize,
     /// Strides that another surrogate has jumped since a fit was far off.
-    jumped_by_others: f64,
+    pub jumped_by_others: f64,
     /// Whether it was said what a snapshot costs.
     #[serde(skip)]
     timed: bool,
     /// The modes of the fit that was used last, where they were not taken yet.
     #[serde(skip)]
-    modes: Vec<Mode>,
+    pub modes: Vec<Mode>,
 }
 
 impl FitControl {
@@ -55,59 +54,68 @@ impl FitControl {
         FitControl { length: rules.initial_jump as f64, best: f64::MAX, ..FitControl::default() }
     }
 
+    /// Error of a stride beside the solver up to which the present fit is as good as when it was first used: twice what it was used with.
+    fn limit(&self, rules: &DmdSettings) -> f64 {
+        let used = self.errors.last().map_or(0.0, |e| 2.0 * e);
+        used.max(rules.fit_tolerance).min(rules.jump_tolerance)
+    }
+}
+
+impl DmdSurrogate {
     /// Strides that the fit may jump, `most` at most.
-    pub fn allows(&self, fits: &DmdSurrogate, most: usize) -> usize {
-        match fits.has_fit() {
-            true => most.min(self.length as usize),
+    pub(crate) fn allows(&self, most: usize) -> usize {
+        match self.has_fit() {
+            true => most.min(self.control.length as usize),
             false => 0,
         }
     }
 
     /// Whether the solver is to go on where another surrogate would jump: that one has jumped as far as a window is long, and a window of the
     /// solver's own states must come before a fit can hold.
-    pub fn wants_solver(&self, fits: &DmdSurrogate) -> bool {
-        !fits.has_fit() && self.jumped_by_others >= fits.rules().window() as f64
-    }
-
-    /// Takes the modes of a fit that is used from here on; none: there is no new one.
-    pub fn take_modes(&mut self) -> Vec<Mode> {
-        std::mem::take(&mut self.modes)
-    }
-
-    /// Another surrogate has jumped so many strides.
-    pub fn others_jumped(&mut self, strides: f64) {
-        self.jumped_by_others += strides;
+    pub(crate) fn wants_solver(&self) -> bool {
+        !self.has_fit() && self.control.jumped_by_others >= self.rules().window() as f64
     }
 
     /// Takes the state after a step of the solver; `cuts`: a stride may begin here that cuts the start-up short. Says what came of it, and
-    /// whether what was measured of the fit is void. Collective.
-    pub fn observe(
+    /// whether what was measured of the fit is void. [`Error::Input`](m4gn_base::Error::Input) for a state that does not fit. Collective.
+    pub(crate) fn observe(
         &mut self,
-        fits: &mut DmdSurrogate,
         step: &Step,
-        (state, cuts): (&[&[f64]], bool),
+        state: &[&[f64]],
+        cuts: bool,
         decisions: &mut Decisions,
     ) -> Result<(String, bool)> {
-        let seen = fits.observe(step, state, cuts)?;
-        let mut text = String::new();
-        let void = seen.interval.is_some() || seen.between.is_some();
-        if let Some(error) = seen.between {
-            self.errors.clear();
+        let arrays: Vec<&[f64]> = self.places.iter().map(|&i| state[i]).collect();
+        let between = self.online.wrong_between(step.time, step.delta_t, &arrays);
+        if between.is_some() {
+            self.online.forget();
+            self.now.interval.missed(self.description.stride);
+        }
+        let interval = self.other_interval(step.delta_t);
+        if let Some(interval) = interval {
+            self.begin_anew(interval, step.time);
+        }
+        let outlook = self.online.outlook();
+        let snapshots = self.online.offer(step.time, step.delta_t, &arrays)?;
+        let (mut text, void) = (String::new(), interval.is_some() || between.is_some());
+        if void {
+            self.control.errors.clear();
+        }
+        if let Some(error) = between {
             let decided =
                 json!({ "error": error, "after_jump": false, "between": true, "decision": "dropped" });
             decisions.tell(step, "fit_stride", &decided);
-            let advice = if seen.interval.is_some() { "" } else { "; expected a smaller snapshotInterval" };
+            let advice = if interval.is_some() { "" } else { "; expected a smaller snapshotInterval" };
             text = format!(
                 "m4gn: time {}: between its states the fit had an error of {error:.3} of holding, as they miss faster waves; the fit is \
                  dropped{advice}\n\n",
                 step.name
             );
         }
-        if let Some(interval) = seen.interval {
-            (self.tried, self.length) = (0, fits.rules().initial_jump as f64);
-            self.errors.clear();
-            let why = match seen.period {
-                _ if seen.between.is_some() => "the fit was dropped".into(),
+        if let Some(interval) = interval {
+            (self.control.tried, self.control.length) = (0, self.settings.initial_jump as f64);
+            let why = match self.now.interval.period() {
+                _ if between.is_some() => "the fit was dropped".into(),
                 Some(period) => format!("fits show a period of {period:.3e} s"),
                 None => format!("the solver's step is {:.3e} s", step.delta_t),
             };
@@ -116,56 +124,60 @@ impl FitControl {
                 step.name
             );
         }
-        if seen.snapshots == 0 {
+        if snapshots == 0 {
             return Ok((text, void));
         }
-        if let Some((error, jumped)) = seen.error {
-            text += &self.compare(fits, step, (error, jumped), decisions);
+        self.now.begin = step.time;
+        self.now.offset = self.online.since(step.time).unwrap_or(0.0).max(0.0);
+        let jumped = std::mem::take(&mut self.now.jumped);
+        if let Some(outlook) = outlook {
+            let trial = self.online.later(&outlook, snapshots as f64);
+            let errors = trial.ok().and_then(|trial| self.online.errors(&trial, snapshots));
+            let error = errors.map_or(f64::INFINITY, |e| relative(&e));
+            text += &self.compare(step, (error, jumped), decisions);
         }
-        if let Some(wave) = &seen.wave {
-            text += &of_the_wave(wave, step, decisions);
+        if cuts && self.settings.cut_transient {
+            text += &self.look(step, decisions);
         }
-        if fits.cuts() {
+        if self.cuts() {
             // The window begins anew.
-            (self.tried, self.contiguous) = (0, 0);
-            self.errors.clear();
+            (self.control.tried, self.control.contiguous) = (0, 0);
+            self.control.errors.clear();
             return Ok((text, void));
         }
-        self.tried += seen.snapshots;
-        self.contiguous = seen.contiguous;
-        let (least, every) = (fits.rules().min_snapshots(), fits.rules().refit_interval);
-        if seen.contiguous >= least && (self.tried >= every || seen.contiguous == least) {
-            text += &self.fit(fits, step, decisions);
+        let contiguous = self.online.usable();
+        (self.control.tried, self.control.contiguous) = (self.control.tried + snapshots, contiguous);
+        let (least, every) = (self.settings.min_snapshots(), self.settings.refit_interval);
+        if contiguous >= least && (self.control.tried >= every || contiguous == least) {
+            text += &self.try_fit(step, decisions);
         }
         Ok((text, void))
     }
 
     /// Tries a fit. Says what came of it.
-    fn fit(&mut self, fits: &mut DmdSurrogate, step: &Step, decisions: &mut Decisions) -> String {
-        self.tried = 0;
-        let Some(report) = fits.fit() else {
-            self.jumped_by_others = 0.0;
+    fn try_fit(&mut self, step: &Step, decisions: &mut Decisions) -> String {
+        self.control.tried = 0;
+        let modes = self.fit();
+        let rules = self.rules().clone();
+        let (Some(modes), Some(fit)) = (modes, self.online.fitted()) else {
+            self.control.jumped_by_others = 0.0;
             return String::new();
         };
-        let rules = fits.rules().clone();
-        let error = report.error;
-        let trend = trend(&self.errors, error);
+        let (control, error) = (&mut self.control, fit.tail_error());
+        let trend = trend(&control.errors, error);
         let settled = error < rules.fit_tolerance || trend == Trend::Alike;
-        (self.tries, self.best) = (self.tries + 1, self.best.min(error));
-        let surplus = (self.errors.len() + 1).saturating_sub(WAITED);
-        self.errors.drain(..surplus);
+        (control.tries, control.best) = (control.tries + 1, control.best.min(error));
+        let surplus = (control.errors.len() + 1).saturating_sub(WAITED);
+        control.errors.drain(..surplus);
         // JSON, which the state is kept in, has no infinity; it is one where the last states are all the same.
-        self.errors.push(error.min(f64::MAX));
+        control.errors.push(error.min(f64::MAX));
         let holds = error < rules.jump_tolerance && settled;
-        if !holds {
-            fits.drop_fit();
-        }
         // Where a fit holds, or will, what another surrogate makes would only begin the window anew.
-        self.jumped_by_others = if error < PROMISING { rules.window() as f64 } else { 0.0 };
-        self.length = rules.initial_jump as f64;
+        control.jumped_by_others = if error < PROMISING { rules.window() as f64 } else { 0.0 };
+        control.length = rules.initial_jump as f64;
         let verdict = match trend {
-            _ if holds && report.inputs > 0 => "it is used, with what is prescribed from here on".into(),
-            _ if holds => format!("it is used: {}", leading(&report.modes)),
+            _ if holds && fit.model.inputs() > 0 => "it is used, with what is prescribed from here on".into(),
+            _ if holds => format!("it is used: {}", leading(&modes)),
             _ if error >= rules.jump_tolerance => {
                 format!("above jumpTolerance {}: the solver goes on", rules.jump_tolerance)
             }
@@ -176,8 +188,8 @@ impl FitControl {
                 rules.fit_tolerance
             ),
         };
-        let mut text = described(&report, step, &verdict);
-        let mut decided = as_data(&report, &rules);
+        let mut text = described(fit, step, &verdict);
+        let mut decided = as_data(fit, &rules);
         decided["decision"] = json!(if holds { "used" } else { "dropped" });
         // Which bound it has met, or missed
         decided["why"] = json!(match trend {
@@ -188,134 +200,85 @@ impl FitControl {
             Trend::Rises => "worsens",
             Trend::Open => "waits",
         });
-        if holds && !std::mem::replace(&mut self.timed, true) {
-            let seconds = fits.seconds_a_snapshot();
+        if holds && !std::mem::replace(&mut control.timed, true) {
+            let seconds = self.online.seconds_a_state();
             decided["seconds_a_state"] = json!(seconds);
             let _ = write!(
                 text,
                 "m4gn: each state of the window adds {seconds:.1e} s to a stride of the fit\n\n"
             );
         }
-        if holds {
-            decided["modes"] = report.modes.iter().map(mode_as_data).collect();
-            self.modes = report.modes;
+        match holds {
+            true => {
+                decided["modes"] = modes.iter().map(mode_as_data).collect();
+                control.modes = modes;
+            }
+            false => self.online.forget(),
         }
         decisions.tell(step, "fit", &decided);
         text
     }
 
-    /// Why there was no jump, for people.
-    pub fn why_no_jump(&self, rules: &DmdSettings, stride: f64, time: f64) -> String {
-        let missing = rules.min_snapshots().saturating_sub(self.contiguous);
-        match self.tries {
+    /// Why there was no jump up to this time, s, for people.
+    pub(crate) fn why_no_jump(&self, time: f64) -> String {
+        let (rules, stride, FitControl { tries, best, contiguous, .. }) =
+            (self.rules(), self.description.stride, &self.control);
+        let missing = rules.min_snapshots().saturating_sub(*contiguous);
+        match tries {
             0 => format!(
-                "no fit: it takes {} states {stride:.3e} s apart without a gap (minSnapshots), and at the end there were {}; a first one comes \
-                 at {} s at the earliest",
+                "no fit: it takes {} states {stride:.3e} s apart without a gap (minSnapshots), and at the end there were {contiguous}; a first \
+                 one comes at {} s at the earliest",
                 rules.min_snapshots(),
-                self.contiguous,
                 Digits(6).of(time + missing as f64 * stride)
             ),
             n => format!(
-                "{n} fits, the best with an error of {:.3} of holding (jumpTolerance {}, fitTolerance {})",
-                self.best, rules.jump_tolerance, rules.fit_tolerance
+                "{n} fits, the best with an error of {best:.3} of holding (jumpTolerance {}, fitTolerance {})",
+                rules.jump_tolerance, rules.fit_tolerance
             ),
         }
     }
 
-    /// Error of a stride beside the solver up to which the present fit is as good as when it was first used: twice what it was used with.
-    fn limit(&self, rules: &DmdSettings) -> f64 {
-        let used = self.errors.last().map_or(0.0, |e| 2.0 * e);
-        used.max(rules.fit_tolerance).min(rules.jump_tolerance)
-    }
-
-    /// Takes up the error of a stride that the fit predicted. Says what came of it.
-    fn compare(
-        &mut self,
-        fits: &mut DmdSurrogate,
-        step: &Step,
-        (error, jumped): (f64, bool),
-        decisions: &mut Decisions,
-    ) -> String {
-        let rules = fits.rules();
+    /// Takes up the error of a stride that the fit predicted, and whether that follows a jump. Says what came of it.
+    fn compare(&mut self, step: &Step, (error, jumped): (f64, bool), decisions: &mut Decisions) -> String {
+        let rules = self.rules().clone();
+        let control = &mut self.control;
         let mut text = format!(
             "m4gn: time {}: a stride of the fit beside the solver had an error of {error:.3} of holding",
             step.name
         );
-        let limit = self.limit(rules);
+        let limit = control.limit(&rules);
         let good = error < limit;
         let mut decision = "kept";
         if jumped && error < rules.jump_tolerance {
             let growth = if good { rules.jump_growth } else { 1.0 / rules.jump_growth };
             let (first, longest) = (rules.initial_jump as f64, rules.max_jump as f64);
-            self.length = (self.length * growth).clamp(first, longest);
+            control.length = (control.length * growth).clamp(first, longest);
             decision = if good { "longer" } else { "shorter" };
-            let _ = write!(text, "; the next jump may have {} strides", self.length as usize);
+            let _ = write!(text, "; the next jump may have {} strides", control.length as usize);
         } else if !good {
             let (name, limit) = match jumped || limit == rules.jump_tolerance {
                 true => ("jumpTolerance", rules.jump_tolerance),
                 false => ("fitTolerance, or twice the error of the fit,", limit),
             };
             let _ = write!(text, ", above {name} {limit:.3}; the fit is dropped");
-            self.errors.clear();
-            fits.drop_fit();
+            control.errors.clear();
+            self.online.forget();
             decision = "dropped";
         }
         let decided = json!({
-            "error": error, "after_jump": jumped, "limit": limit, "decision": decision, "next_jump": self.length as usize,
+            "error": error, "after_jump": jumped, "limit": limit, "decision": decision, "next_jump": control.length as usize,
         });
         decisions.tell(step, "fit_stride", &decided);
         text + "\n\n"
     }
 }
 
-/// Tells what is done about the wave of the start-up. Says it, for people.
-fn of_the_wave(wave: &Wave, step: &Step, decisions: &mut Decisions) -> String {
-    let digits = Digits(3);
-    let (decision, factor) = match (wave.cut, wave.kept) {
-        (Cut::Changed(factor), _) => ("changed", Some(factor)),
-        (Cut::Undone(_), _) => ("undone", None),
-        (Cut::Settled, _) => ("settled", None),
-        (Cut::None, Some(_)) => ("kept", None),
-        (Cut::None, None) => ("seen", None),
-    };
-    let [frequency, growth, amplitude] = wave.figures.map_or([None; 3], |f| f.map(Some));
-    let decided = json!({
-        "decision": decision, "kept": wave.kept, "frequency": frequency, "growth_rate": growth, "amplitude": amplitude, "factor": factor,
-    });
-    decisions.tell(step, "start_up", &decided);
-    let figures = match wave.figures {
-        Some([frequency, growth, amplitude]) => format!(
-            "a wave of period {} s, growth {} 1/s, amplitude {}",
-            digits.of(1.0 / frequency),
-            digits.of(growth),
-            digits.of(amplitude)
-        ),
-        None => "no wave is clear".into(),
-    };
-    let kept = if wave.kept == Some(true) { ": the last change is kept" } else { "" };
-    let done = match wave.cut {
-        Cut::Changed(factor) => format!(
-            ": its amplitude is brought to {}, {} times as much",
-            digits.of(factor * amplitude.unwrap_or(0.0)),
-            digits.of(factor)
-        ),
-        Cut::Undone(last) => {
-            let more = if last { ", and it is left alone from here on" } else { "" };
-            format!(": the last change has not bettered it; the state before is taken up again{more}")
-        }
-        Cut::Settled => ": it stays as it is, and no more is changed".into(),
-        // A wave that is only seen is data, and no line
-        Cut::None if wave.kept.is_none() => return String::new(),
-        Cut::None => String::new(),
-    };
-    format!("m4gn: time {}: start-up: {figures}{kept}{done}\n\n", step.name)
-}
-
-fn as_data(report: &FitReport, rules: &DmdSettings) -> Value {
-    let fields: Map<String, Value> = report.errors.iter().map(|(name, e)| (name.clone(), json!(e))).collect();
+fn as_data(fit: &Fit, rules: &DmdSettings) -> Value {
+    let fields: Map<String, Value> = fit.tail.iter().map(|e| (e.name.clone(), json!(e.error))).collect();
+    let model = &fit.model;
     json!({
-        "states": report.snapshots, "delays": report.delays, "rank": report.rank, "inputs": report.inputs, "growth_kept": report.unstable,
-        "held_back": report.held_back, "error": report.error, "fit_tolerance": rules.fit_tolerance,
+        "states": fit.numbers.len(), "delays": model.delays(), "rank": model.rank(), "inputs": model.inputs(), "growth_kept": model.growing(),
+        "held_back": fit.held_back, "error": fit.tail_error(), "fit_tolerance": rules.fit_tolerance,
         "jump_tolerance": rules.jump_tolerance, "errors": fields,
     })
 }
@@ -336,19 +299,23 @@ fn leading(modes: &[Mode]) -> String {
     format!("period {} s, growth {} 1/s", digits.of(1.0 / mode.frequency), digits.of(mode.growth_rate))
 }
 
-fn described(report: &FitReport, step: &Step, verdict: &str) -> String {
-    let fields: Vec<String> =
-        report.errors.iter().map(|(name, error)| format!("{name} {error:.2e}")).collect();
+fn described(fit: &Fit, step: &Step, verdict: &str) -> String {
+    let fields: Vec<String> = fit.tail.iter().map(|e| format!("{} {:.2e}", e.name, e.error)).collect();
+    let kind = match (fit.model.inputs(), fit.model.growing()) {
+        (0, true) => "growth kept".into(),
+        (0, false) => "growth clipped".into(),
+        (1, _) => "1 input".into(),
+        (n, _) => format!("{n} inputs"),
+    };
     format!(
-        "m4gn: time {}: fit of {} states, {} delays, rank {}, {}: its last {} states, held back, have an error of {:.3} of \
+        "m4gn: time {}: fit of {} states, {} delays, rank {}, {kind}: its last {} states, held back, have an error of {:.3} of \
          holding (of the variation: {}); {verdict}\n\n",
         step.name,
-        report.snapshots,
-        report.delays,
-        report.rank,
-        report.kind(),
-        report.held_back,
-        report.error,
+        fit.numbers.len(),
+        fit.model.delays(),
+        fit.model.rank(),
+        fit.held_back,
+        fit.tail_error(),
         fields.join(", ")
     )
 }

@@ -108,7 +108,7 @@ impl Ride<'_> {
             let mut changes = rms(&self.comm, &picked, changes);
             for (array, change) in picked.iter().zip(&mut changes) {
                 // A fit carries along what follows, with the noise of the tolerance that the solver has for it
-                if candidate.fit_control.is_some() && array.role == Role::Follows {
+                if candidate.is_fit() && array.role == Role::Follows {
                     *change = 0.0;
                 }
             }
@@ -137,9 +137,9 @@ impl Ride<'_> {
     /// Time to the next state of a jump, s.
     pub(crate) fn duration(&self, jump: &Jump) -> f64 {
         let candidate = &self.candidates[jump.surrogate];
-        match candidate.fit_control {
-            Some(_) => duration(self.step.within, jump.rest(candidate.stride()), jump.delta_t),
-            None => candidate.stride(),
+        match candidate.is_fit() {
+            true => duration(self.step.within, jump.rest(candidate.stride()), jump.delta_t),
+            false => candidate.stride(),
         }
     }
 
@@ -234,11 +234,7 @@ impl Ride<'_> {
         self.step = Step { delta_t: jump.delta_t, ..step };
         self.handed_back = self.step.index;
         for (i, candidate) in self.candidates.iter_mut().enumerate() {
-            let own = i == jump.surrogate;
-            let strides = candidate.surrogate.handed_back(self.step.time, own);
-            if let Some(control) = candidate.fit_control.as_mut().filter(|_| !own) {
-                control.others_jumped(strides);
-            }
+            candidate.surrogate.handed_back(self.step.time, i == jump.surrogate);
         }
         let strides = self.totals.last_jump().max(1);
         self.watch.handed_back(strides);

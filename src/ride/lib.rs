@@ -16,7 +16,7 @@ mod dmd;
 mod dmd_settings;
 #[cfg(test)]
 mod dmd_tests;
-pub mod fit_control;
+mod fit_control;
 mod inputs;
 mod interval;
 mod jump;

@@ -17,17 +17,26 @@ pub(crate) struct Log {
     pub refused: bool,
     /// Whether a stride that is shorter than the solver's time step was told.
     pub short: bool,
-    pub jumps_head: String,
+    pub jumps: Table,
     /// Names of the quantities that are its columns.
     pub quantities: Vec<String>,
-    pub jumps: String,
-    pub strides_head: String,
-    pub strides: String,
-    pub modes_head: String,
-    pub modes: String,
-    pub observed_head: [String; 2],
+    pub strides: Table,
+    pub modes: Table,
     pub observed: String,
     pub segments: String,
+}
+
+/// A table whose head comes with its first rows.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Table {
+    pub begun: bool,
+    pub text: String,
+}
+
+impl Table {
+    pub fn begin(&mut self, head: String) {
+        (self.begun, self.text) = (true, head);
+    }
 }
 
 /// A text that a host takes.
@@ -79,38 +88,30 @@ impl Ride<'_> {
     pub fn take(&mut self, text: Text) -> String {
         let log = &mut self.log;
         log.warnings.extend(self.decisions.failed.take());
-        let table = |head: &mut String, rows: &mut String| match rows.is_empty() {
-            true => String::new(),
-            false => std::mem::take(head) + &std::mem::take(rows),
-        };
         match text {
-            Text::Log => std::mem::take(&mut log.text),
             Text::Warning if log.warnings.is_empty() => String::new(),
             Text::Warning => log.warnings.remove(0),
-            Text::Jumps => table(&mut log.jumps_head, &mut log.jumps),
-            Text::Strides => table(&mut log.strides_head, &mut log.strides),
-            Text::Modes => table(&mut log.modes_head, &mut log.modes),
-            // An observer's tables are there from its begin.
-            Text::Errors => std::mem::take(&mut log.observed_head[0]) + &std::mem::take(&mut log.observed),
-            Text::SegmentErrors => {
-                std::mem::take(&mut log.observed_head[1]) + &std::mem::take(&mut log.segments)
-            }
+            Text::Log => std::mem::take(&mut log.text),
+            Text::Jumps => std::mem::take(&mut log.jumps.text),
+            Text::Strides => std::mem::take(&mut log.strides.text),
+            Text::Modes => std::mem::take(&mut log.modes.text),
+            Text::Errors => std::mem::take(&mut log.observed),
+            Text::SegmentErrors => std::mem::take(&mut log.segments),
         }
     }
 
     /// Fits that are used from this time on: a row for each of their modes.
     pub(crate) fn log_modes(&mut self) {
         let (digits, time) = (self.digits(), self.step.output_time);
-        let controls = self.candidates.iter_mut().filter_map(|c| c.fit_control.as_mut());
-        for mode in controls.flat_map(|control| control.take_modes()) {
-            if self.totals.mode_rows == 0 {
+        let fits = self.candidates.iter_mut().filter_map(|c| c.surrogate.fits_mut());
+        for mode in fits.flat_map(|fits| std::mem::take(&mut fits.control.modes)) {
+            if !self.log.modes.begun {
                 let names =
                     ["Time", "frequency(Hz)", "growthRate(1/s)", "amplitude", "energy"].map(String::from);
-                self.log.modes_head = digits.header(&["Modes of the fits that are used".into()], &[], &names);
+                self.log.modes.begin(digits.header(&["Modes of the fits that are used".into()], &[], &names));
             }
             let figures = [time, mode.frequency, mode.growth_rate, mode.amplitude, mode.energy];
-            self.log.modes += &row(&figures.map(|v| digits.of(v)));
-            self.totals.mode_rows += 1;
+            self.log.modes.text += &row(&figures.map(|v| digits.of(v)));
         }
     }
 
@@ -166,7 +167,7 @@ impl Ride<'_> {
             );
         }
         self.log.text += &(line + "\n\n");
-        if self.log.jumps_head.is_empty() && self.totals.rows == 0 {
+        if !self.log.jumps.begun {
             let mut names: Vec<String> =
                 ["Time", "steps", "surrogate(s)", "handOver(s)"].map(String::from).into();
             self.log.quantities = quantities.iter().map(|(name, _)| name.clone()).collect();
@@ -180,10 +181,9 @@ impl Ride<'_> {
             let lines =
                 self.candidates.iter().map(|c| format!("Jumps of the surrogate {}", c.describe().source));
             let strides = self.candidates.iter().map(|c| ("stride (s)", digits.of(c.stride())));
-            self.log.jumps_head =
-                digits.header(&lines.collect::<Vec<_>>(), &strides.collect::<Vec<_>>(), &names);
+            let head = digits.header(&lines.collect::<Vec<_>>(), &strides.collect::<Vec<_>>(), &names);
+            self.log.jumps.begin(head);
         }
-        self.totals.rows += 1;
         let mut columns = vec![
             digits.of(self.step.output_time),
             jump.done.to_string(),
@@ -199,7 +199,7 @@ impl Ride<'_> {
             // Nothing is expected of what cuts a start-up short
             columns.extend(jump.expected.unwrap_or([f64::NAN; 2]).map(|v| digits.of(v)));
         }
-        self.log.jumps += &row(&columns);
+        self.log.jumps.text += &row(&columns);
         self.tell_back(jump.surrogate, jump.done, [surrogate, hand_over], quantities);
     }
 }

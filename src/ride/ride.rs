@@ -234,17 +234,14 @@ impl<'a> Ride<'a> {
             for candidate in &mut self.candidates {
                 let stride = candidate.stride();
                 let cuts = cuts && self.schedule.fits(&self.step, self.step.delta_t, stride, 1.0);
-                let mut void = false;
-                if let (Some(control), Some(fits)) =
-                    (&mut candidate.fit_control, candidate.surrogate.fits_mut())
+                if let Some(fits) = candidate.surrogate.fits_mut()
                     && fits.wants(&self.step)
                 {
-                    let text;
-                    (text, void) = control.observe(fits, &self.step, (state, cuts), &mut self.decisions)?;
+                    let (text, void) = fits.observe(&self.step, state, cuts, &mut self.decisions)?;
                     self.log.text += &text;
-                }
-                if void {
-                    candidate.begin_anew();
+                    if void {
+                        candidate.begin_anew();
+                    }
                 }
             }
         }

@@ -13,7 +13,8 @@ impl Ride<'_> {
             for (i, candidate) in self.candidates.iter_mut().enumerate() {
                 candidate.observer = Some(Observer::new(candidate, &self.settings, i == 0, several));
             }
-            self.log.observed_head = [self.errors_head(), self.segments_head()];
+            // An observer's tables are there from its begin.
+            (self.log.observed, self.log.segments) = (self.errors_head(), self.segments_head());
         }
         for i in 0..self.candidates.len() {
             let candidate = &self.candidates[i];

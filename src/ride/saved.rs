@@ -125,7 +125,7 @@ impl Ride<'_> {
                 fresh: candidate.fresh,
                 control: candidate.control.as_ref().and_then(|c| c.state()),
                 own,
-                fit_control: candidate.fit_control.clone(),
+                fit_control: surrogate.fits().map(|fits| fits.control.clone()),
                 shadow: begun,
             });
         }
@@ -229,14 +229,14 @@ impl Ride<'_> {
                 self.log.text += &note.unwrap_or_default();
             } else {
                 // A fit whose states were not kept
-                *holds &= candidate.fit_control.is_none();
+                *holds &= !candidate.is_fit();
             }
             if !*holds {
                 continue;
             }
             (candidate.shadow, candidate.fresh) = (shadow, saved.fresh);
-            if candidate.fit_control.is_some() && saved.fit_control.is_some() {
-                candidate.fit_control = saved.fit_control.clone();
+            if let (Some(fits), Some(saved)) = (candidate.surrogate.fits_mut(), &saved.fit_control) {
+                fits.control = saved.clone();
             }
             if let (Some(control), Some(saved)) = (&mut candidate.control, &saved.control) {
                 control.restore(saved)?;

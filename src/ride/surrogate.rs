@@ -4,7 +4,6 @@
 use crate::dmd::DmdSurrogate;
 use crate::schedule::Step;
 use m4gn_base::Result;
-use m4gn_dmd::Mode;
 use m4gn_state::Values;
 
 /// What is known of a surrogate from its start on.
@@ -87,10 +86,8 @@ pub trait Surrogate {
     /// Time and state have been advanced by what the last stride predicted.
     fn advanced(&mut self) {}
 
-    /// A jump has ended at this time, s; `own`: it was this one that jumped. Gives the strides of its own that lie between.
-    fn handed_back(&mut self, _time: f64, _own: bool) -> f64 {
-        0.0
-    }
+    /// A jump has ended at this time, s; `own`: it was this one that jumped.
+    fn handed_back(&mut self, _time: f64, _own: bool) {}
 
     /// It as a fit of the run's own states, where it is one.
     fn fits(&self) -> Option<&DmdSurrogate> {
@@ -117,85 +114,5 @@ pub trait Surrogate {
     /// [`Error::Input`](m4gn_base::Error::Input) for what is no such state.
     fn restore(&mut self, _saved: &[u8], _at: &Resumed) -> Result<Option<String>> {
         Ok(None)
-    }
-}
-
-/// What a fit makes of a step of the solver.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Seen {
-    /// The time between snapshots where it is another from here on, s: the window is then empty.
-    pub interval: Option<f64>,
-    /// The period of the flow that the interval follows from, s; none: it follows from the settings or the solver's step.
-    pub period: Option<f64>,
-    /// Error of the fit between its snapshots, over that of holding the last one, for which it is dropped; none: it was right, or not looked at.
-    pub between: Option<f64>,
-    /// Snapshots that came of it.
-    pub snapshots: usize,
-    /// Snapshots without a gap up to now.
-    pub contiguous: usize,
-    /// Error of what the fit predicted from the last snapshot before, over that of holding it, and whether that follows a jump; none: there
-    /// was no fit.
-    pub error: Option<(f64, bool)>,
-    /// What a look at the wave of the start-up has shown.
-    pub wave: Option<Wave>,
-}
-
-/// What a fit does about a wave that grows or falls in the start-up.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Cut {
-    /// It is seen, and nothing is done.
-    None,
-    /// Its amplitude is changed by this factor from here on.
-    Changed(f64),
-    /// The state before the last change is taken up again; the flag: no other one follows.
-    Undone(bool),
-    /// It stays as it is: nothing more is done.
-    Settled,
-}
-
-/// The wave of the start-up.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wave {
-    /// What is done about it.
-    pub cut: Cut,
-    /// Whether the last change is kept, where that is decided here.
-    pub kept: Option<bool>,
-    /// Its frequency (Hz), the growth of its amplitude (1/s), and its amplitude, over the root mean square of what the fields varied by when it
-    /// was first looked for; none: nothing is clear.
-    pub figures: Option<[f64; 3]>,
-}
-
-/// A fit, and what it was chosen by.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct FitReport {
-    /// Snapshots in its window.
-    pub snapshots: usize,
-    /// States in a delayed state.
-    pub delays: usize,
-    /// Singular values that were kept.
-    pub rank: usize,
-    /// What is prescribed that it is driven by, reduced to so many numbers.
-    pub inputs: usize,
-    /// Whether modes that grow go on growing.
-    pub unstable: bool,
-    /// Snapshots that were held back.
-    pub held_back: usize,
-    /// Error of the snapshots that were held back, over that of holding the one before them.
-    pub error: f64,
-    /// The same of each array, over its variation.
-    pub errors: Vec<(String, f64)>,
-    /// Its modes at present, largest share of the energy first.
-    pub modes: Vec<Mode>,
-}
-
-impl FitReport {
-    /// What kind of fit it is, for people.
-    pub(crate) fn kind(&self) -> String {
-        match (self.inputs, self.unstable) {
-            (0, true) => "growth kept".into(),
-            (0, false) => "growth clipped".into(),
-            (1, _) => "1 input".into(),
-            (n, _) => format!("{n} inputs"),
-        }
     }
 }

@@ -34,15 +34,6 @@ pub(crate) struct Totals {
     /// Strides measured beside the solver, and decisions for no jump.
     pub measured: usize,
     pub refused: usize,
-    /// Rows of the table of jumps that this part of the run has.
-    #[serde(skip)]
-    pub rows: usize,
-    /// And rows of that of strides.
-    #[serde(skip)]
-    pub stride_rows: usize,
-    /// And rows of that of modes.
-    #[serde(skip)]
-    pub mode_rows: usize,
 }
 
 impl Totals {
@@ -103,11 +94,9 @@ impl Ride<'_> {
         if t.jumps == 0 {
             for candidate in &self.candidates {
                 let name = &candidate.describe().name;
-                let why = match (&candidate.fit_control, candidate.surrogate.fits()) {
-                    (Some(control), Some(fits)) => {
-                        control.why_no_jump(fits.rules(), candidate.stride(), self.step.time)
-                    }
-                    _ => format!(
+                let why = match candidate.surrogate.fits() {
+                    Some(fits) => fits.why_no_jump(self.step.time),
+                    None => format!(
                         "{} strides beside the solver were measured, and {} jumps were not allowed",
                         t.measured, t.refused
                     ),
