@@ -2,7 +2,7 @@
 
 use crate::dmd::{Delayed, Dmd, Shape, Window};
 use crate::driven::{Driven, DrivenShape, Split};
-use crate::fit::{FieldError, Fit, FitSettings, Model};
+use crate::fit::{FieldError, Fit, FitSettings, Model, errors};
 use crate::snapshots::{Combination, Snapshots};
 use m4gn_state::Role;
 
@@ -304,8 +304,7 @@ fn tail_errors(
     least: &[f64],
     predictions: &[Vec<f64>],
 ) -> Vec<FieldError> {
-    let tail = predictions.len();
-    let first = slots.len() - tail;
+    let first = slots.len() - predictions.len();
     let single = |slot: usize| spread(snapshots, &[slot], &[1.0]);
     let pairs: Vec<(Combination, Combination)> = predictions
         .iter()
@@ -313,22 +312,14 @@ fn tail_errors(
         .map(|(w, &slot)| (spread(snapshots, slots, w), single(slot)))
         .collect();
     let held = single(slots[first - 1]);
-    let fields = snapshots.fields().iter().enumerate();
-    fields
-        .filter(|(f, _)| variation[*f] > 0.0)
-        .map(|(f, field)| {
-            let mean = |of: &dyn Fn(&Combination, &Combination) -> f64| {
-                let sum: f64 = pairs.iter().map(|(p, x)| of(p, x)).sum();
-                sum / tail as f64
-            };
-            let over = |square: f64| (square / variation[f]).sqrt();
-            FieldError {
-                name: field.name.clone(),
-                error: over(mean(&|p, x| snapshots.distance(f, p, x))),
-                hold: over(mean(&|_, x| snapshots.distance(f, &held, x)).max(least[f])),
-            }
-        })
-        .collect()
+    errors(snapshots.fields(), variation, |f| {
+        let mean = |of: &dyn Fn(&Combination, &Combination) -> f64| {
+            let sum: f64 = pairs.iter().map(|(p, x)| of(p, x)).sum();
+            sum / pairs.len() as f64
+        };
+        let held = mean(&|_, x| snapshots.distance(f, &held, x));
+        [mean(&|p, x| snapshots.distance(f, p, x)), held.max(least[f])]
+    })
 }
 
 /// Weights of a window's snapshots as a combination by slots.

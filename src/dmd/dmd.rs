@@ -50,11 +50,6 @@ impl Window {
         self.m
     }
 
-    /// Whether it has none.
-    pub fn is_empty(&self) -> bool {
-        self.m == 0
-    }
-
     /// Sample numbers, ascending.
     pub fn numbers(&self) -> &[i64] {
         &self.numbers

@@ -3,6 +3,7 @@
 use crate::dmd::Dmd;
 use crate::driven::Driven;
 use m4gn_base::{Error, Result};
+use m4gn_state::Array;
 use serde::{Deserialize, Serialize};
 
 /// What fits are made of.
@@ -158,6 +159,20 @@ impl Fit {
     pub fn tail_error(&self) -> f64 {
         relative(&self.tail)
     }
+}
+
+/// The fields that vary, of the mean squares that the prediction of each is off by, and that holding a state is.
+pub(crate) fn errors(
+    fields: &[Array],
+    variation: &[f64],
+    squares: impl Fn(usize) -> [f64; 2],
+) -> Vec<FieldError> {
+    let fields = fields.iter().enumerate().zip(variation).filter(|(_, v)| **v > 0.0);
+    let error = |((f, field), v): ((usize, &Array), &f64)| {
+        let [error, hold] = squares(f).map(|square| (square / v).sqrt());
+        FieldError { name: field.name.clone(), error, hold }
+    };
+    fields.map(error).collect()
 }
 
 /// Errors over that of holding, of all fields together; 0 where nothing changes.

@@ -20,8 +20,6 @@ mod sums;
 mod tests;
 mod wave;
 
-pub use dmd::{Delayed, Dmd, Shape, Window};
-pub use driven::Driven;
 pub use fit::{FieldError, Fit, FitSettings, Model, relative};
 pub use online::{OnlineDmd, Settings, State};
 pub use outlook::Outlook;

@@ -3,7 +3,7 @@
 use crate::choose::{prescribed, spread, typical};
 use crate::dmd::Dmd;
 use crate::driven::Driven;
-use crate::fit::{FieldError, Fit, Model, relative};
+use crate::fit::{FieldError, Fit, Model, errors, relative};
 use crate::online::{OnlineDmd, Predicted, is_passed_next};
 use crate::sampling::SAME;
 use crate::snapshots::Combination;
@@ -323,19 +323,15 @@ impl OnlineDmd {
         let state = self.snapshots.single(present)?;
         let from = self.at(present - before as i64)?;
         let least = self.least();
-        let fields = self.snapshots.fields().iter().enumerate().zip(&fit.variation);
-        let errors = fields.filter(|(_, v)| **v > 0.0).map(|((f, field), v)| {
-            let error = self.snapshots.distance(f, prediction, &state);
+        let squares = |f| {
             let change = self.snapshots.distance(f, &from, &state);
-            let over = |square: f64| (square / v).sqrt();
             let typical = match fit.model {
                 Model::Free(_) => 0.0,
                 Model::Driven(_) => typical(&self.snapshots, (&fit.numbers, &fit.slots), f, before as i64),
             };
-            let hold = over(change.max(least[f]).max(typical));
-            FieldError { name: field.name.clone(), error: over(error), hold }
-        });
-        Some(errors.collect())
+            [self.snapshots.distance(f, prediction, &state), change.max(least[f]).max(typical)]
+        };
+        Some(errors(self.snapshots.fields(), &fit.variation, squares))
     }
 
     /// Whether the fit is to be compared with the solver's state at this time, to which its last step, s, has led: behind the last of its
@@ -354,15 +350,12 @@ impl OnlineDmd {
     pub fn wrong_between(&self, time: f64, delta_t: f64, state: &[&[f64]]) -> Option<f64> {
         let fit = self.state.fit.as_ref().filter(|_| self.is_between(time, delta_t))?;
         let prediction = self.predict(self.since(time)?)?;
-        let errors = self.snapshots.distances(&prediction, state);
+        let off = self.snapshots.distances(&prediction, state);
         let changes = self.snapshots.distances(&self.at(self.state.present?)?, state);
         let least = self.least();
-        let fields = self.snapshots.fields().iter().enumerate().zip(&fit.variation);
-        let all = fields.filter(|(_, v)| **v > 0.0).map(|((f, field), v)| {
-            let [error, hold] = [errors[f], changes[f].max(least[f])].map(|square| (square / v).sqrt());
-            FieldError { name: field.name.clone(), error, hold }
-        });
-        Some(relative(&all.collect::<Vec<_>>())).filter(|error| *error >= WRONG)
+        let squares = |f: usize| [off[f], changes[f].max(least[f])];
+        let errors = errors(self.snapshots.fields(), &fit.variation, squares);
+        Some(relative(&errors)).filter(|error| *error >= WRONG)
     }
 
     fn at(&self, number: i64) -> Option<Combination> {

@@ -1,6 +1,7 @@
 //! What is known on paper: sums of damped waves, trends, constants, and what is no fit.
 
-use crate::{Combination, FitSettings, OnlineDmd, Settings, Settle, Storage, Window, relative};
+use crate::dmd::Window;
+use crate::{Combination, FitSettings, OnlineDmd, Settings, Settle, Storage, relative};
 use m4gn_parallel::Comm;
 use m4gn_state::Array;
 use rand::{RngExt, SeedableRng};

@@ -1,7 +1,8 @@
 //! Eigenvalues and modes of waves that are known.
 
 use super::*;
-use crate::{Delayed, Mode};
+use crate::Mode;
+use crate::dmd::Delayed;
 
 #[test]
 fn eigenvalues_of_damped_waves_are_known() {
