@@ -32,11 +32,11 @@ pub struct StrideError {
     pub variation: f64,
 }
 
-/// What has been measured of a predicted field, for a run that is carried on.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// What has been measured of a predicted field; a run that is carried on has it too.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Measured {
-    /// Error of the last stride; none: it is not finite.
+    /// Error of the last stride; none: it is not finite, or there was none.
     pub error: Option<f64>,
     /// Largest change so far.
     pub change: f64,
@@ -62,15 +62,9 @@ struct Track {
     name: String,
     /// Whether the tolerance holds for it: it is named, or nothing is said and it is one of those that may be watched.
     watched: bool,
-    /// Whether it has changed in a stride.
-    varies: bool,
     /// Growth of its errors with the strides of a jump.
     growth: Growth,
-    /// Of the last stride.
-    error: f64,
-    /// Largest change and variation so far.
-    change: f64,
-    variation: f64,
+    seen: Measured,
 }
 
 impl Track {
@@ -78,9 +72,14 @@ impl Track {
     fn relative(&self, error: f64) -> f64 {
         match error {
             0.0 => 0.0,
-            error if error > 0.0 && error / self.variation >= 0.0 => error / self.variation,
+            error if error > 0.0 && error / self.seen.variation >= 0.0 => error / self.seen.variation,
             _ => f64::INFINITY,
         }
+    }
+
+    /// Of the last stride.
+    fn last(&self) -> f64 {
+        self.relative(self.seen.error.unwrap_or(f64::INFINITY))
     }
 
     fn estimate(&self, strides: usize) -> f64 {
@@ -89,7 +88,7 @@ impl Track {
             Growth::None => 1.0,
             Growth::Unknown => strides as f64,
         };
-        match self.relative(self.error) {
+        match self.last() {
             0.0 => 0.0,
             relative => factor * relative,
         }
@@ -98,15 +97,10 @@ impl Track {
     /// Strides that keep the estimate within the tolerance, `most` at most.
     fn strides(&self, tolerance: f64, most: usize) -> usize {
         let within = |n: &usize| self.estimate(*n) <= tolerance;
-        match (self.relative(self.error), &self.growth) {
+        match (self.last(), &self.growth) {
             (0.0, _) => most,
-            (_, Growth::None) => {
-                if within(&1) {
-                    most
-                } else {
-                    0
-                }
-            }
+            (_, Growth::None) if within(&1) => most,
+            (_, Growth::None) => 0,
             (_, Growth::Factors(factors)) => (1..=most.min(factors.len())).take_while(within).count(),
             (relative, Growth::Unknown) => {
                 // The quotient may be one off by rounding.
@@ -141,7 +135,7 @@ impl Control {
     /// The tracks that the tolerance holds for, and their places.
     fn watched(&self) -> impl Iterator<Item = (usize, &Track)> {
         let all = self.tracks.iter().enumerate().filter(|(_, t)| t.watched);
-        let first = all.clone().find(|(_, t)| t.varies).or(all.clone().next()).map(|(i, _)| i);
+        let first = all.clone().find(|(_, t)| t.seen.varies).or(all.clone().next()).map(|(i, _)| i);
         let named = self.settings.fields.is_some();
         all.filter(move |(i, _)| named || Some(*i) == first)
     }
@@ -163,15 +157,7 @@ impl Control {
             )));
         }
         let marks: Vec<bool> = names.iter().map(|name| watched.contains(name)).collect();
-        let track = |((name, growth), watched)| Track {
-            name,
-            watched,
-            varies: false,
-            growth,
-            error: f64::INFINITY,
-            change: 0.0,
-            variation: 0.0,
-        };
+        let track = |((name, growth), watched)| Track { name, watched, growth, seen: Measured::default() };
         Ok(Control {
             tracks: fields.into_iter().zip(marks).map(track).collect(),
             settings,
@@ -203,11 +189,11 @@ impl Control {
     /// `stop`.
     pub fn measure(&mut self, strides: &[StrideError]) -> Result<()> {
         self.check(strides.len())?;
-        for (track, stride) in self.tracks.iter_mut().zip(strides) {
-            track.error = stride.error;
-            track.change = track.change.max(stride.change);
-            track.variation = track.variation.max(stride.variation);
-            track.varies |= stride.change > VARIES * stride.size;
+        for (seen, stride) in self.tracks.iter_mut().map(|t| &mut t.seen).zip(strides) {
+            seen.error = Some(stride.error).filter(|e| e.is_finite());
+            seen.change = seen.change.max(stride.change);
+            seen.variation = seen.variation.max(stride.variation);
+            seen.varies |= stride.change > VARIES * stride.size;
         }
         self.measured = true;
         let loses = |stride: &StrideError| stride.error > self.settings.rel_tol * stride.change;
@@ -237,7 +223,7 @@ impl Control {
 
     /// Relative error of the last stride, the largest of the watched fields; infinite before there was one.
     pub fn error(&self) -> f64 {
-        self.largest(|t| t.relative(t.error))
+        self.largest(Track::last)
     }
 
     /// Relative error that is expected after a jump of so many strides, the largest of the watched fields.
@@ -272,12 +258,12 @@ impl Control {
     /// [`Error::Input`] for another number of fields.
     pub fn refuses(&self, changes: &[f64]) -> Result<Option<String>> {
         self.check(changes.len())?;
-        let within = |(track, change): &(&Track, &f64)| **change <= MOST_CHANGE * track.change;
+        let within = |(track, change): &(&Track, &f64)| **change <= MOST_CHANGE * track.seen.change;
         let beyond = self.tracks.iter().zip(changes).find(|pair| !within(pair));
         Ok(beyond.map(|(track, change)| {
             format!(
                 "a stride would change {} by {change:.2e}, more than {MOST_CHANGE} times the most that the solver has in one, {:.2e}",
-                track.name, track.change
+                track.name, track.seen.change
             )
         }))
     }
@@ -294,11 +280,10 @@ impl Control {
     /// What the controller decides by; none before a stride was measured.
     pub fn state(&self) -> Option<Controlled> {
         // JSON, which the state is kept in, has no infinity.
-        let row = |t: &Track| Measured {
-            error: Some(t.error).filter(|e| e.is_finite()),
-            change: t.change.min(f64::MAX),
-            variation: t.variation.min(f64::MAX),
-            varies: t.varies,
+        let row = |Track { seen, .. }: &Track| Measured {
+            change: seen.change.min(f64::MAX),
+            variation: seen.variation.min(f64::MAX),
+            ..*seen
         };
         self.measured.then(|| Controlled { fields: self.tracks.iter().map(row).collect(), bad: self.bad })
     }
@@ -316,10 +301,7 @@ impl Control {
                 row.change, row.variation
             )));
         }
-        for (track, row) in self.tracks.iter_mut().zip(&saved.fields) {
-            track.error = row.error.unwrap_or(f64::INFINITY);
-            (track.change, track.variation, track.varies) = (row.change, row.variation, row.varies);
-        }
+        self.tracks.iter_mut().zip(&saved.fields).for_each(|(track, row)| track.seen = *row);
         (self.measured, self.bad) = (true, saved.bad);
         Ok(())
     }

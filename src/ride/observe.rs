@@ -2,6 +2,7 @@
 
 use crate::candidate::Candidate;
 use crate::control::{Control, StrideError};
+use crate::log::Log;
 use crate::schedule::Step;
 use crate::settings::RideSettings;
 use crate::shadow::advanced;
@@ -65,14 +66,6 @@ pub(crate) struct Observer {
     judged: Judged,
 }
 
-/// Rows of the two tables, and what is to be said.
-#[derive(Debug, Default)]
-pub(crate) struct Observed {
-    pub errors: String,
-    pub segments: String,
-    pub bad: Vec<String>,
-}
-
 /// Where the run is, for an observer.
 pub(crate) struct Now<'a> {
     /// The solver's state.
@@ -115,8 +108,8 @@ impl Observer {
         candidate: &mut Candidate,
         step: &Step,
         now: Now,
-    ) -> Result<Observed> {
-        let mut found = Observed::default();
+        log: &mut Log,
+    ) -> Result<()> {
         if candidate.shadow.waiting {
             let fraction = candidate.shadow.fraction(step, candidate.stride());
             let solver = advanced(candidate.surrogate.as_ref(), now.state);
@@ -126,7 +119,7 @@ impl Observer {
                 control.measure(&one_step)?;
             }
             if self.steps > 0 {
-                self.compare(comm, layout, candidate, (&solver, &one_step, fraction), step, &now, &mut found);
+                self.compare(comm, layout, candidate, (&solver, &one_step, fraction), step, &now, log);
             }
             if self.steps >= self.rollout_steps || !self.finite {
                 self.steps = 0;
@@ -136,16 +129,16 @@ impl Observer {
             true => {
                 let duration = candidate.stride();
                 let start = Start { state: now.state, ahead: now.ahead, duration };
-                found.bad.extend(candidate.shadow.begin(candidate.surrogate.as_mut(), step, start)?);
+                let bad = candidate.shadow.begin(candidate.surrogate.as_mut(), step, start)?;
+                log.not_finite(&step.name, bad);
             }
             // A rollout goes on, and is compared at the ends of its strides.
             false if self.steps > 0 => {
                 candidate.shadow.begin_idle(candidate.surrogate.as_ref(), step, now.state);
             }
-            false => return Ok(found),
+            false => return Ok(()),
         }
-        self.go_on(candidate, layout, &now, &mut found)?;
-        Ok(found)
+        self.go_on(candidate, layout, step, &now, log)
     }
 
     #[allow(clippy::too_many_arguments)]
@@ -157,7 +150,7 @@ impl Observer {
         (solver, one_step, fraction): (&Values, &[StrideError], f64),
         step: &Step,
         of: &Now,
-        found: &mut Observed,
+        log: &mut Log,
     ) {
         let digits = of.digits;
         let description = candidate.describe();
@@ -199,11 +192,17 @@ impl Observer {
                 self.judged.within += usize::from(error <= control.settings().tolerance);
             }
         }
-        found.errors = row(&columns);
+        log.observed += &row(&columns);
         if self.write_errors && self.finite {
             if self.in_segments {
-                found.segments =
-                    in_segments(comm, description, layout, &differences, digits.of(step.output_time), digits);
+                log.segments += &in_segments(
+                    comm,
+                    description,
+                    layout,
+                    &differences,
+                    digits.of(step.output_time),
+                    digits,
+                );
             }
             self.difference = Some((differences, step.name.clone()));
         }
@@ -215,8 +214,9 @@ impl Observer {
         &mut self,
         candidate: &mut Candidate,
         layout: &Layout,
+        step: &Step,
         now: &Now,
-        found: &mut Observed,
+        log: &mut Log,
     ) -> Result<()> {
         let Candidate { surrogate, shadow, control, .. } = candidate;
         if self.steps == 0 {
@@ -248,7 +248,7 @@ impl Observer {
         };
         self.finite = followed.is_ok();
         match followed {
-            Err(Error::Numerical(what)) => found.bad.push(what),
+            Err(Error::Numerical(what)) => log.not_finite(&step.name, Some(what)),
             other => other?,
         }
         Ok(())

@@ -28,7 +28,7 @@ impl Ride<'_> {
             let ahead = self.ahead(i, false, self.candidates[i].stride())?;
             let candidate = &mut self.candidates[i];
             let Some(mut observer) = candidate.observer.take() else { continue };
-            let found = observer.arrived(
+            let arrived = observer.arrived(
                 &self.comm,
                 &self.layout,
                 candidate,
@@ -40,13 +40,11 @@ impl Ride<'_> {
                     digits,
                     n_fields: self.fields.len(),
                 },
+                &mut self.log,
             );
             candidate.observer = Some(observer);
-            let found = found?;
+            arrived?;
             self.stepped |= self.candidates[i].shadow.waiting;
-            self.log.observed += &found.errors;
-            self.log.segments += &found.segments;
-            found.bad.into_iter().for_each(|bad| self.log.not_finite(&self.step.name, Some(bad)));
         }
         Ok(())
     }
