@@ -1,10 +1,12 @@
 //! The fit in a ride: two waves that a fit knows exactly, and what happens where it does not.
 
 use crate::schedule::Step;
-use crate::{Action, Answer, Host as Guest, Ride, RideSettings, Text};
+use crate::tests::hosting::{Host, view};
+use crate::toy;
+use crate::{Action, Answer, Host as Guest, Ride, RideSettings};
 use beside_a_network::trained;
 use m4gn_parallel::Comm;
-use m4gn_state::{Array, Layout};
+use m4gn_state::{Array, Layout, Values};
 use std::cell::Cell;
 use std::rc::Rc;
 use std::sync::Arc;
@@ -59,45 +61,14 @@ fn guest() -> Guest<'static> {
     }
 }
 
-/// A step of a solver that goes on from the state that it is given.
-type Advance = fn(&[f64]) -> Vec<f64>;
-
-struct Host {
-    ride: Ride<'static>,
-    time: f64,
-    index: i64,
-    end: f64,
-    u: Vec<f64>,
-    phi: Vec<f64>,
-    /// Strides of each jump, and the time at which it ended.
-    jumps: Vec<(usize, f64)>,
-    /// Who jumped.
-    by: Vec<usize>,
-    solved: usize,
-    log: String,
-    /// Of strides, of an observer's errors, of modes, and of jumps.
-    tables: [String; 4],
-    clock: Rc<Cell<f64>>,
-    /// The step of the solver behind a time, and how many of them come between two states of a jump; 0: strides are whole.
-    delta_t: fn(f64) -> f64,
-    looks: f64,
-    /// Largest error of a state of a jump.
-    worst: f64,
-    /// A solver that goes on from the state that it is given; none: `solver`.
-    own: Option<Advance>,
+/// The solver of the waves, for a host.
+fn waves(broken: f64) -> impl Fn(f64, &[f64]) -> Values {
+    move |time, _| both(solver(time, broken))
 }
 
-fn step(time: f64, index: i64, end: f64) -> Step {
-    Step {
-        time,
-        delta_t: DELTA_T,
-        end_time: end,
-        index,
-        name: format!("{time:.3}"),
-        output_time: time,
-        correctors: None,
-        within: 0.0,
-    }
+fn both(u: Vec<f64>) -> Values {
+    let phi = flux(&u);
+    vec![u, phi]
 }
 
 fn layout() -> Arc<Layout> {
@@ -106,122 +77,46 @@ fn layout() -> Arc<Layout> {
 }
 
 impl Host {
-    fn new(settings: &str, start: f64, index: i64, end: f64, u: Vec<f64>) -> Self {
+    /// A ride of a fit that begins at such a step, from this field.
+    fn fitting(settings: &str, begin: Step, u: Vec<f64>) -> Self {
         let settings = RideSettings::parse(settings).unwrap();
-        let begin = step(start, index, end);
-        let clock = Rc::new(Cell::new(start));
+        let clock = Rc::new(Cell::new(begin.time));
         let guest = Guest { network: settings.has("network").then(|| trained(&clock, 0)), ..guest() };
-        let ride = Ride::new(Comm::serial(), guest, settings, begin).unwrap();
-        Host {
-            ride,
-            time: start,
-            index,
-            end,
-            phi: flux(&u),
-            u,
-            jumps: Vec::new(),
-            by: Vec::new(),
-            solved: 0,
-            log: String::new(),
-            tables: Default::default(),
-            clock,
-            delta_t: |_| DELTA_T,
-            looks: 0.0,
-            worst: 0.0,
-            own: None,
-        }
+        let ride = Ride::new(Comm::serial(), guest, settings, begin.clone()).unwrap();
+        Host { delta_t: |_| DELTA_T, ..Host::at(ride, &begin, both(u), clock) }
+    }
+
+    /// One of the waves, at 0 s.
+    fn waves(settings: &str, end: f64) -> Self {
+        Host::fitting(settings, toy::at(0.0, DELTA_T, end, 0), solver(0.0, 1e9))
     }
 
     /// One that has run from 0 s to the end with this solver.
-    fn ran(settings: &str, end: f64, broken: f64) -> Self {
-        let mut host = Host::new(settings, 0.0, 0, end, solver(0.0, broken));
-        host.run(broken, |_| false);
+    fn met(settings: &str, end: f64, broken: f64) -> Self {
+        let mut host = Host::fitting(settings, toy::at(0.0, DELTA_T, end, 0), solver(0.0, broken));
+        host.until(broken, |_| false);
         host
     }
 
-    fn bits(&self) -> Vec<u64> {
-        self.u.iter().map(|v| v.to_bits()).collect()
-    }
-
-    fn now(&self) -> Step {
-        let delta_t = (self.delta_t)(self.time);
-        Step { delta_t, within: self.looks * delta_t, ..step(self.time, self.index, self.end) }
-    }
-
-    /// A call that is given the present state.
-    fn with<T>(&mut self, call: impl FnOnce(&mut Ride<'static>, &[&[f64]]) -> T) -> T {
-        self.clock.set(self.time);
-        call(&mut self.ride, &[&self.u, &self.phi])
-    }
-
     /// Until the end, or until `stop` says so behind a step or a stride.
-    fn run(&mut self, broken: f64, stop: impl Fn(&Self) -> bool) {
-        while self.time < self.end - 0.5 * DELTA_T {
-            self.index += 1;
-            self.time += (self.delta_t)(self.time);
-            // Waves that have no memory but the time
-            self.u = self.own.map_or_else(|| solver(self.time, broken), |own| own(&self.u));
-            self.phi = flux(&self.u);
-            self.solved += 1;
-            let now = self.now();
-            let wanted = self.ride.wants(&now);
-            let answer = self.with(|ride, state| ride.solved(now, wanted.then_some(state))).unwrap();
-            self.listen();
-            if stop(self) || self.go_on(&answer, &stop) {
-                return;
-            }
-        }
+    fn until(&mut self, broken: f64, mut stop: impl FnMut(&Self) -> bool) {
+        self.run_with(&waves(broken), &mut stop).unwrap();
     }
 
-    /// Jumps where that is asked for. Whether it was stopped.
-    fn go_on(&mut self, answer: &Answer, stop: &impl Fn(&Self) -> bool) -> bool {
-        answer.action == Action::Stride && self.jump(stop)
-    }
-
-    fn listen(&mut self) {
-        self.log += &self.ride.take(Text::Log);
-        self.tables[0] += &self.ride.take(Text::Strides);
-        self.tables[1] += &self.ride.take(Text::Errors);
-        self.tables[2] += &self.ride.take(Text::Modes);
-        self.tables[3] += &self.ride.take(Text::Jumps);
-    }
-
-    /// Whether it was stopped.
-    fn jump(&mut self, stop: &impl Fn(&Self) -> bool) -> bool {
-        let (mut strides, mut who) = (0, 0);
-        loop {
-            self.clock.set(self.time);
-            let (mut u, mut phi) = (self.u.clone(), self.phi.clone());
-            let answer = self.ride.stride(&mut [&mut u, &mut phi]).unwrap();
-            if answer.action == Action::HandBack {
-                break;
-            }
-            assert_eq!(answer.action, Action::Advance);
-            who = answer.surrogate;
-            assert!(answer.whole || phi == self.phi, "a network makes what it advances");
-            (self.u, self.phi) = (u, phi);
-            (self.time, self.index) = (self.time + answer.duration, self.index + answer.solver_steps);
-            self.worst = self.worst.max(largest(&self.u, &solver(self.time, 1e9)));
-            strides += 1;
-            let now = self.now();
-            let answer = self.with(|ride, state| ride.advanced(now, answer.state.then_some(state))).unwrap();
-            if stop(self) {
-                return true;
-            }
-            if answer.action == Action::HandBack {
-                break;
-            }
-        }
-        self.jumps.push((strides, self.time));
-        self.by.push(who);
-        let now = self.now();
-        self.with(|ride, state| ride.handed_back(now, Some(state), &[])).unwrap();
-        self.listen();
-        false
+    fn bits(&self) -> Vec<u64> {
+        self.state[0].iter().map(|v| v.to_bits()).collect()
     }
 }
 
 const SETTINGS: &str = r#"{"mode": "replace", "surrogates": ["dmd"], "dmd": {"snapshotInterval": 0.2, "minSnapshots": 24, "initialJump": 5, "jumpGrowth": 2, "maxJump": 40}}"#;
+
+/// Takes up the largest error of the states, of waves that stay as they are; for a run that nothing stops.
+fn watch(worst: &mut f64) -> impl FnMut(&Host) -> bool {
+    |host| {
+        *worst = worst.max(largest(&host.state[0], &solver(host.time, 1e9)));
+        false
+    }
+}
 
 fn largest(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
@@ -229,16 +124,16 @@ fn largest(a: &[f64], b: &[f64]) -> f64 {
 
 #[test]
 fn jumps_grow_while_the_fit_holds_and_end_states_are_exact() {
-    let host = Host::ran(SETTINGS, 60.0, 1e9);
+    let host = Host::met(SETTINGS, 60.0, 1e9);
     let strides: Vec<usize> = host.jumps.iter().map(|j| j.0).collect();
     assert_eq!(strides[..4], [5, 10, 20, 40], "{}", host.log);
     // 24 states, the first at 0.2 s; one stride beside the solver.
-    let (first, end) = host.jumps[0];
+    let (first, end, _) = host.jumps[0];
     assert!((end - first as f64 * 0.2 - (0.2 + 24.0 * 0.2)).abs() < 1e-9, "{end}");
     assert!(host.solved < 220, "{}", host.solved);
-    assert!(largest(&host.u, &solver(host.time, 1e9)) < 1e-5);
+    assert!(largest(&host.state[0], &solver(host.time, 1e9)) < 1e-5);
     // The waves of the solver as modes: 1.9 and 3.1 1/s, of constant size, the second of a tenth of the energy.
-    let rows: Vec<&str> = host.tables[2].lines().filter(|l| !l.starts_with('#')).collect();
+    let rows: Vec<&str> = host.tables[4].lines().filter(|l| !l.starts_with('#')).collect();
     for (row, frequency) in rows.iter().zip([1.9, 3.1].map(|omega| omega / std::f64::consts::TAU)) {
         let figures: Vec<f64> = row.split('\t').map(|v| v.parse().unwrap()).collect();
         assert!((figures[0] - 5.0).abs() < 0.21 && (figures[1] - frequency).abs() < 1e-5, "{row}");
@@ -253,9 +148,10 @@ fn jumps_grow_while_the_fit_holds_and_end_states_are_exact() {
 /// The solver makes steps of a length that no stride is a multiple of, and each of them is looked at.
 #[test]
 fn a_jump_has_the_states_of_the_solvers_own_steps() {
-    let mut host = Host::new(SETTINGS, 0.0, 0, 60.0, solver(0.0, 1e9));
+    let mut host = Host::waves(SETTINGS, 60.0);
     (host.delta_t, host.looks) = (|_| 0.03, 1.0);
-    host.run(1e9, |_| false);
+    let mut worst = 0.0;
+    host.until(1e9, watch(&mut worst));
     let steps: Vec<usize> = host.jumps.iter().map(|j| j.0).collect();
     // Strides of 0.2 s: jumps of 5, 10, 20, 40 of them are 1, 2, 4, 8 s.
     for (steps, seconds) in steps.iter().zip([1.0, 2.0, 4.0, 8.0]) {
@@ -264,7 +160,7 @@ fn a_jump_has_the_states_of_the_solvers_own_steps() {
     }
     let ends = host.jumps.iter().map(|j| j.1 / 0.03);
     ends.for_each(|end| assert!((end - end.round()).abs() < 1e-6, "{end}"));
-    assert!(host.worst < 1e-2, "{}", host.worst);
+    assert!(worst < 1e-2, "{worst}");
     // The name of the table is that of strides.
     assert!(host.log.contains("jumped 5 steps of 0.2 s"), "{}", host.log);
     let steps: usize = steps.iter().sum();
@@ -286,7 +182,7 @@ fn a_run_without_a_jump_says_why() {
         // Noise
         (SETTINGS, 30.0, f64::NAN, "fits, the best with an error of "),
     ] {
-        let mut host = Host::ran(settings, end, broken);
+        let mut host = Host::met(settings, end, broken);
         host.ride.end();
         host.listen();
         assert_eq!((host.jumps.len(), host.solved), (0, (end / DELTA_T).round() as usize));
@@ -296,10 +192,10 @@ fn a_run_without_a_jump_says_why() {
 
 #[test]
 fn the_largest_wave_of_a_fit_is_most_of_the_state() {
-    let mut host = Host::new(SETTINGS, 0.0, 0, 20.0, solver(0.0, 1e9));
+    let mut host = Host::waves(SETTINGS, 20.0);
     assert!(host.ride.wave(0, 0, 1, 0).is_none(), "there is no fit");
     // Within the first jump
-    host.run(1e9, |h| h.time > 5.55);
+    host.until(1e9, |h| h.time > 5.55);
     let [mean, wave] = [0, 1].map(|part| host.ride.wave(0, 0, part, 0).unwrap());
     let now = solver(host.time, 1e9);
     let with: Vec<f64> = mean.iter().zip(&wave).map(|(m, w)| m + w).collect();
@@ -313,11 +209,11 @@ fn the_largest_wave_of_a_fit_is_most_of_the_state() {
 
 #[test]
 fn an_old_level_is_a_state_on_the_way() {
-    let mut host = Host::new(SETTINGS, 0.0, 0, 20.0, solver(0.0, 1e9));
+    let mut host = Host::waves(SETTINGS, 20.0);
     // Behind the third stride of the first jump.
-    host.run(1e9, |h| h.time > 5.55);
+    host.until(1e9, |h| h.time > 5.55);
     // What is handed out is one combination for all arrays.
-    assert!(largest(&host.phi, &flux(&host.u)) < 1e-13);
+    assert!(largest(&host.state[1], &flux(&host.state[0])) < 1e-13);
     let (mut u, mut phi) = (vec![0.0; CELLS], vec![0.0; CELLS]);
     host.ride.old_level(DELTA_T, &mut [&mut u, &mut phi]).unwrap();
     let (own, before) = (solver(host.time, 1e9), solver(host.time - DELTA_T, 1e9));
@@ -327,10 +223,10 @@ fn an_old_level_is_a_state_on_the_way() {
 
 #[test]
 fn a_fit_that_no_longer_holds_is_dropped_and_another_is_made() {
-    let host = Host::ran(SETTINGS, 60.0, 7.0);
+    let host = Host::met(SETTINGS, 60.0, 7.0);
     assert!(host.log.contains("the fit is dropped"), "{}", host.log);
     assert!(host.jumps.len() > 3, "{:?}", host.jumps);
-    let (_, dropped) = host.jumps[1];
+    let (_, dropped, _) = host.jumps[1];
     let again = host.jumps.iter().find(|j| j.1 > dropped + 24.0 * 0.2 && j.0 == 5);
     assert!(again.is_some(), "{:?}\n{}", host.jumps, host.log);
 }
@@ -338,26 +234,26 @@ fn a_fit_that_no_longer_holds_is_dropped_and_another_is_made() {
 #[test]
 fn a_fit_that_agrees_to_the_tolerance_alone_has_shorter_jumps() {
     let settings = SETTINGS.replace("\"initialJump\"", "\"jumpTolerance\": 10, \"initialJump\"");
-    let host = Host::ran(&settings, 8.5, 6.5);
+    let host = Host::met(&settings, 8.5, 6.5);
     assert!(host.log.contains("error of 1.083 of holding; the next jump may have 5 strides"), "{}", host.log);
     assert!(!host.log.contains("the fit is dropped"), "{}", host.log);
 }
 
 #[test]
 fn what_has_come_to_rest_is_jumped() {
-    let host = Host::ran(SETTINGS, 60.0, -4.0);
+    let host = Host::met(SETTINGS, 60.0, -4.0);
     // 24 states after 4 s
     assert!(host.jumps.len() > 3 && host.solved < 300, "{:?}\n{}", host.jumps, host.log);
-    assert!(largest(&host.u, &solver(4.0, 1e9)) < 1e-12);
+    assert!(largest(&host.state[0], &solver(4.0, 1e9)) < 1e-12);
     // Noise below what counts as no change, and noise above it where that is given
-    let host = Host::ran(SETTINGS, 60.0, -104.0);
+    let host = Host::met(SETTINGS, 60.0, -104.0);
     assert!(host.jumps.len() > 3 && host.solved < 300, "{:?}\n{}", host.jumps, host.log);
-    assert!(largest(&host.u, &solver(4.0, 1e9)) < 2e-6);
+    assert!(largest(&host.state[0], &solver(4.0, 1e9)) < 2e-6);
     let settings = SETTINGS.replace("\"initialJump\"", "\"rest\": {\"u\": 1e-9}, \"initialJump\"");
-    let host = Host::ran(&settings, 30.0, -104.0);
+    let host = Host::met(&settings, 30.0, -104.0);
     assert!(host.jumps.is_empty(), "{:?}\n{}", host.jumps, host.log);
     let settings = SETTINGS.replace("\"initialJump\"", "\"rest\": {\"T\": 1}, \"initialJump\"");
     let settings = RideSettings::parse(&settings).unwrap();
-    let made = Ride::new(Comm::serial(), guest(), settings, step(0.0, 0, 9.0));
+    let made = Ride::new(Comm::serial(), guest(), settings, toy::at(0.0, DELTA_T, 9.0, 0));
     m4gn_samples::fails(made, &["rest: T: expected some of the fields"]);
 }

@@ -40,10 +40,10 @@ const BOTH: &str = r#"{"mode": "replace", "surrogates": ["network", "dmd"], "tim
 
 #[test]
 fn a_fit_that_holds_goes_before_a_network() {
-    let mut host = Host::ran(BOTH, 40.0, 1e9);
-    assert!(!host.by.is_empty() && host.by.iter().all(|who| *who == 1), "{:?}\n{}", host.by, host.log);
+    let mut host = Host::met(BOTH, 40.0, 1e9);
+    assert!(!host.jumps.is_empty() && host.jumps.iter().all(|j| j.2 == 1), "{:?}\n{}", host.jumps, host.log);
     assert!(host.log.contains(": the dmd surrogate jumps"), "{}", host.log);
-    assert!(largest(&host.u, &solver(host.time, 1e9)) < 1e-5);
+    assert!(largest(&host.state[0], &solver(host.time, 1e9)) < 1e-5);
     let summary = host.ride.end();
     assert!(summary.contains("\"jumps_network\": 0,"), "{summary}");
 }
@@ -51,24 +51,24 @@ fn a_fit_that_holds_goes_before_a_network() {
 #[test]
 fn a_network_jumps_before_there_is_a_fit_and_leaves_the_solver_time_for_one() {
     let settings = BOTH.replace("\"timeStart\": 6", "\"timeStart\": 0.5");
-    let host = Host::ran(&settings, 60.0, 1e9);
+    let host = Host::met(&settings, 60.0, 1e9);
     let first =
-        host.by.iter().position(|who| *who == 1).unwrap_or_else(|| panic!("{:?}\n{}", host.by, host.log));
-    assert!(first > 2 && host.by[..first].iter().all(|who| *who == 0), "{:?}", host.by);
+        host.jumps.iter().position(|j| j.2 == 1).unwrap_or_else(|| panic!("{:?}\n{}", host.jumps, host.log));
+    assert!(first > 2 && host.jumps[..first].iter().all(|j| j.2 == 0), "{:?}", host.jumps);
     // Forty strides are the network's; then 24 states of the solver.
     let [before, after] = [host.jumps[first - 1].1, host.jumps[first].1 - 0.2 * host.jumps[first].0 as f64];
     assert!(before >= 8.0 && after - before >= 23.0 * 0.2, "{:?}", host.jumps);
-    assert!(host.by[first..].iter().all(|who| *who == 1), "{:?}", host.by);
+    assert!(host.jumps[first..].iter().all(|j| j.2 == 1), "{:?}", host.jumps);
 }
 
 /// Where no fit holds, the network goes on: the solver has a window of its own after each forty strides.
 #[test]
 fn a_network_goes_on_where_no_fit_holds() {
-    let mut host = Host::new(BOTH, 0.0, 0, 60.0, solver(0.0, 1e9));
-    host.run(f64::NAN, |host| host.time > 12.0);
+    let mut host = Host::waves(BOTH, 60.0);
+    host.until(f64::NAN, |host| host.time > 12.0);
     assert!(host.jumps.is_empty() && host.log.matches("the solver goes on\n").count() > 3, "{}", host.log);
-    host.run(1e9, |_| false);
-    let first = host.by.iter().position(|who| *who == 1).unwrap_or_else(|| panic!("{}", host.log));
+    host.until(1e9, |_| false);
+    let first = host.jumps.iter().position(|j| j.2 == 1).unwrap_or_else(|| panic!("{}", host.log));
     let strides: usize = host.jumps[..first].iter().map(|jump| jump.0).sum();
     assert!((40..=48).contains(&strides), "{:?}", host.jumps);
 }
@@ -79,8 +79,8 @@ fn a_network_goes_on_where_no_fit_holds() {
 fn the_run_stops_where_network_and_fit_stay_bad() {
     let control = r#""control": {"tolerance": 1e-15, "onFailure": "stop", "patience": 3}, "timeStart": 0.5"#;
     let settings = BOTH.replace("\"timeStart\": 6", control);
-    let mut host = Host::new(&settings, 0.0, 0, 40.0, solver(0.0, 1e9));
-    host.run(1e9, |_| false);
+    let mut host = Host::waves(&settings, 40.0);
+    host.until(1e9, |_| false);
 }
 
 #[test]
@@ -92,7 +92,7 @@ fn surrogates_without_a_field_in_common_are_refused() {
         network: Some(trained(&Rc::default(), 1)),
         ..guest()
     };
-    let made = Ride::new(Comm::serial(), guest, settings, step(0.0, 0, 9.0));
+    let made = Ride::new(Comm::serial(), guest, settings, toy::at(0.0, DELTA_T, 9.0, 0));
     m4gn_samples::fails(made, &["network advances u, dmd advances T"]);
 }
 
@@ -100,9 +100,9 @@ fn surrogates_without_a_field_in_common_are_refused() {
 fn an_observer_compares_rollouts_of_the_fit_and_leaves_the_run_alone() {
     let settings = r#"{"mode": "observe", "surrogates": ["network", "dmd"], "rolloutSteps": 60,
         "dmd": {"snapshotInterval": 0.2, "minSnapshots": 24}}"#;
-    let mut host = Host::ran(settings, 30.0, 20.0);
+    let mut host = Host::met(settings, 30.0, 20.0);
     assert_eq!((host.jumps.len(), host.solved), (0, 600));
-    let rows = host.tables[1].lines().filter(|l| !l.starts_with('#'));
+    let rows = host.tables[2].lines().filter(|l| !l.starts_with('#'));
     let rows: Vec<Vec<String>> = rows.map(|l| l.split('\t').map(String::from).collect()).collect();
     let number = |text: &String| text.parse::<f64>().unwrap();
     let of = |name: &'static str| rows.iter().filter(move |r| r[1] == name);

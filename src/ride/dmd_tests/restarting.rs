@@ -23,8 +23,8 @@ fn decided(file: &Path) -> Vec<(f64, String)> {
 
 /// A run to a time, saved there under these conditions.
 fn stopped(folder: &Path, at: f64, conditions: &str) -> Host {
-    let mut host = Host::new(&keeping(folder), 0.0, 0, 25.0, solver(0.0, 1e9));
-    host.run(1e9, |h| h.time > at - 1e-9);
+    let mut host = Host::waves(&keeping(folder), 25.0);
+    host.until(1e9, |h| h.time > at - 1e-9);
     host.ride.made_under(conditions).unwrap();
     host.ride.save(&folder.join("ride.state")).unwrap();
     host
@@ -32,10 +32,10 @@ fn stopped(folder: &Path, at: f64, conditions: &str) -> Host {
 
 /// The host that goes on from it, and what it is told.
 fn carried_on(folder: &Path, from: &Host, settings: &str, conditions: &str) -> (Host, Answer) {
-    let mut host = Host::new(settings, from.time, from.index, 25.0, from.u.clone());
+    let begin = toy::at(from.time, DELTA_T, 25.0, from.index);
+    let mut host = Host::fitting(settings, begin, from.state[0].clone());
     host.ride.made_under(conditions).unwrap();
-    let now = host.now();
-    let answer = host.with(|ride, state| ride.load(&folder.join("ride.state"), now, state)).unwrap();
+    let answer = host.ride.load(&folder.join("ride.state"), host.step(), &view(&host.state)).unwrap();
     host.listen();
     (host, answer)
 }
@@ -60,23 +60,22 @@ fn a_run_that_is_carried_on_in_a_jump_and_beside_the_solver_has_the_same_bits() 
         (1e9, 8.35, uneven),
     ] {
         let host = |decisions, time, index, u| {
-            let made = Host::new(&settings(decisions), time, index, 25.0, u);
+            let made = Host::fitting(&settings(decisions), toy::at(time, DELTA_T, 25.0, index), u);
             Host { delta_t, looks, ..made }
         };
         let mut whole = host("whole", 0.0, 0, solver(0.0, broken));
-        whole.run(broken, |_| false);
+        whole.until(broken, |_| false);
         let path = folder.path().join("ride.state");
         let mut first = host("parts", 0.0, 0, solver(0.0, broken));
-        first.run(broken, |h| h.time > at - 1e-9);
+        first.until(broken, |h| h.time > at - 1e-9);
         first.ride.save(&path).unwrap();
-        let mut second = host("parts", first.time, first.index, first.u.clone());
+        let mut second = host("parts", first.time, first.index, first.state[0].clone());
         // Within a jump the solver's step is that of the state.
-        let delta_t = if first.ride.left() < 0 { second.now().delta_t } else { 0.0 };
-        let now = Step { delta_t, ..second.now() };
-        let answer = second.with(|ride, state| ride.load(&path, now, state)).unwrap();
-        let stopped = second.go_on(&answer, &|_| false);
-        assert!(!stopped);
-        second.run(broken, |_| false);
+        let delta_t = if first.ride.left() < 0 { second.step().delta_t } else { 0.0 };
+        let now = Step { delta_t, ..second.step() };
+        let answer = second.ride.load(&path, now, &view(&second.state)).unwrap();
+        second.go_on(answer, &mut |_| false).unwrap();
+        second.until(broken, |_| false);
         assert_eq!(whole.bits(), second.bits(), "{at}: {:?} {:?}", whole.jumps, second.jumps);
         assert_eq!(whole.jumps.last(), second.jumps.last());
         let [whole, parts] = ["whole", "parts"].map(|name| decided(&folder.path().join(name)));
@@ -107,10 +106,10 @@ fn what_was_fitted_under_other_conditions_is_dropped_and_what_has_changed_is_nam
             other.log
         );
         // Its waves are others from here on: a window of them comes before the first jump, and a stride beside the solver.
-        other.run(at, |_| false);
+        other.until(at, |_| false);
         let window = 23.0 * 0.2;
-        assert!(other.jumps.first().is_some_and(|(_, end)| *end > at + window + 0.2), "{:?}", other.jumps);
-        assert!(largest(&other.u, &solver(other.time, at)) < 1e-6);
+        assert!(other.jumps.first().is_some_and(|(_, end, _)| *end > at + window + 0.2), "{:?}", other.jumps);
+        assert!(largest(&other.state[0], &solver(other.time, at)) < 1e-6);
         // What earlier times are carried on from is still there.
         other.ride.save(&folder.path().join("later.state")).unwrap();
         let (again, _) =
@@ -122,13 +121,13 @@ fn what_was_fitted_under_other_conditions_is_dropped_and_what_has_changed_is_nam
 #[test]
 fn the_rest_of_a_jump_is_taken_though_the_solver_has_made_a_field_anew() {
     let folder = tempfile::tempdir().unwrap();
-    let whole = Host::ran(&keeping(folder.path()), 25.0, 1e9);
+    let whole = Host::met(&keeping(folder.path()), 25.0, 1e9);
     let mut first = stopped(folder.path(), TIMES[1], "{}");
-    first.u.iter_mut().for_each(|v| *v += 0.5);
+    first.state[0].iter_mut().for_each(|v| *v += 0.5);
     let (mut second, answer) = carried_on(folder.path(), &first, &keeping(folder.path()), "{}");
     assert_eq!(answer.action, Action::Stride);
-    second.go_on(&answer, &|_| false);
-    second.run(1e9, |_| false);
+    second.go_on(answer, &mut |_| false).unwrap();
+    second.until(1e9, |_| false);
     assert_eq!(whole.bits(), second.bits());
     assert_eq!(whole.jumps.last(), second.jumps.last());
 }
@@ -136,14 +135,13 @@ fn the_rest_of_a_jump_is_taken_though_the_solver_has_made_a_field_anew() {
 #[test]
 fn a_run_that_goes_on_from_the_end_of_a_jump_tells_that_it_was_handed_back() {
     let folder = tempfile::tempdir().unwrap();
-    let whole = Host::ran(&telling(folder.path(), "whole"), 25.0, 1e9);
+    let whole = Host::met(&telling(folder.path(), "whole"), 25.0, 1e9);
     let end = whole.jumps[1].1;
     let first = stopped(folder.path(), end, "{}");
     let (mut second, answer) = carried_on(folder.path(), &first, &keeping(folder.path()), "{}");
     assert_eq!(answer.action, Action::HandBack);
-    let now = second.now();
-    second.with(|ride, state| ride.handed_back(now, Some(state), &[])).unwrap();
-    second.run(1e9, |_| false);
+    second.go_on(answer, &mut |_| false).unwrap();
+    second.until(1e9, |_| false);
     let [whole, parts] = ["whole", "decisions.jsonl"].map(|name| decided(&folder.path().join(name)));
     assert_eq!(whole, parts);
     // Where its rest is dropped the jump ends as well
@@ -158,8 +156,8 @@ fn a_run_that_goes_on_from_the_end_of_a_jump_tells_that_it_was_handed_back() {
 fn a_run_goes_on_from_a_time_whose_name_is_rounded() {
     let folder = tempfile::tempdir().unwrap();
     let settings = keeping(folder.path());
-    let mut first = Host::new(&settings, 0.0, 0, 5.0, solver(0.0, 1e9));
-    first.run(1e9, |_| false);
+    let mut first = Host::waves(&settings, 5.0);
+    first.until(1e9, |_| false);
     assert!((first.time - 5.0).abs() < 1e-9 && first.jumps.is_empty(), "{}", first.log);
     first.ride.made_under("{}").unwrap();
     first.ride.save(&folder.path().join("ride.state")).unwrap();
@@ -167,9 +165,10 @@ fn a_run_goes_on_from_a_time_whose_name_is_rounded() {
         first.time += rounding;
         let (mut second, answer) = carried_on(folder.path(), &first, &settings, "{}");
         assert_eq!(answer.action, Action::Stride, "{rounding}");
-        second.go_on(&answer, &|_| false);
-        second.run(1e9, |_| false);
-        assert!(second.jumps.len() > 2 && second.worst < 1e-3, "{:?} {}", second.jumps, second.worst);
+        let mut worst = 0.0;
+        second.go_on(answer, &mut watch(&mut worst)).unwrap();
+        second.until(1e9, watch(&mut worst));
+        assert!(second.jumps.len() > 2 && worst < 1e-3, "{:?} {worst}", second.jumps);
     }
 }
 
@@ -181,7 +180,7 @@ fn an_observer_carries_on_a_run_that_replaced() {
         let first = stopped(folder.path(), at, "{}");
         let (mut host, answer) = carried_on(folder.path(), &first, &settings, "{}");
         assert_eq!(answer.action, Action::Solve);
-        host.run(1e9, |_| false);
+        host.until(1e9, |_| false);
         assert!(host.jumps.is_empty() && host.log.contains("begins to observe"), "{}", host.log);
     }
 }

@@ -42,18 +42,27 @@ fn settings(cut: bool) -> String {
     SETTINGS.replace("\"initialJump\"", &more)
 }
 
+fn beginning(settings: &str, first: f64) -> Host {
+    Host::fitting(settings, toy::at(0.0, DELTA_T, 60.0, 0), state([first, 0.0]))
+}
+
+/// The solver that makes such steps.
+fn by(step: fn(&[f64]) -> Vec<f64>) -> impl Fn(f64, &[f64]) -> Values {
+    move |_, u| both(step(u))
+}
+
 /// A run, and the time from which its amplitude stays within a fiftieth of 1.
 fn run(settings: &str, first: f64) -> (Host, f64) {
-    let mut host = Host::new(settings, 0.0, 0, 60.0, state([first, 0.0]));
-    host.own = Some(advance);
-    let settled = Cell::new(0.0);
-    host.run(0.0, |host| {
-        if (amplitude(&host.u) - 1.0).abs() > 0.02 {
-            settled.set(host.time);
+    let mut host = beginning(settings, first);
+    let mut settled = 0.0;
+    let stop = &mut |host: &Host| {
+        if (amplitude(&host.state[0]) - 1.0).abs() > 0.02 {
+            settled = host.time;
         }
         false
-    });
-    (host, settled.get())
+    };
+    host.run_with(&by(advance), stop).unwrap();
+    (host, settled)
 }
 
 #[test]
@@ -62,10 +71,10 @@ fn a_wave_that_grows_settles_earlier_and_is_the_same() {
     assert!(plain.jumps.is_empty() && (late - 38.7).abs() < 1.0, "{late} {:?}", plain.jumps);
     let (host, early) = run(&settings(true), 0.1);
     assert!(early < 0.6 * late, "{early} of {late}\n{}", host.log);
-    assert!((amplitude(&host.u) - 1.0).abs() < 2e-3);
+    assert!((amplitude(&host.state[0]) - 1.0).abs() < 2e-3);
     assert!(host.jumps.iter().all(|jump| jump.0 == 1), "{:?}", host.jumps);
     // Nothing is measured beside the solver before a cut: its row has the columns of any jump.
-    let rows: Vec<&str> = host.tables[3].lines().collect();
+    let rows: Vec<&str> = host.tables[0].lines().collect();
     assert!(rows.iter().any(|row| row.ends_with("\tnan\tnan")), "{rows:?}");
     let head = rows.iter().rfind(|row| row.starts_with('#')).unwrap();
     assert!(head.contains("\tstrideError"), "{head}");
@@ -91,26 +100,26 @@ fn runs_away(u: &[f64]) -> Vec<f64> {
 
 #[test]
 fn a_change_after_which_the_wave_grows_faster_is_undone() {
-    let mut host = Host::new(&settings(true), 0.0, 0, 20.0, state([0.1, 0.0]));
-    host.own = Some(runs_away);
-    let sizes = std::cell::RefCell::new(Vec::new());
-    host.run(0.0, |host| {
-        sizes.borrow_mut().push(amplitude(&host.u));
+    let mut host = beginning(&settings(true), 0.1);
+    host.end = 20.0;
+    let mut sizes = Vec::new();
+    let stop = &mut |host: &Host| {
+        sizes.push(amplitude(&host.state[0]));
         false
-    });
+    };
+    host.run_with(&by(runs_away), stop).unwrap();
     assert_eq!(host.jumps.len(), 2, "a change, and back: {:?}\n{}", host.jumps, host.log);
     assert!(host.log.contains("the state before is taken up again"), "{}", host.log);
     // From far above to where it was
     let falls = |pair: &[f64]| pair[0] > 0.5 && pair[1] < 0.3;
-    assert_eq!(sizes.borrow().windows(2).filter(|pair| falls(pair)).count(), 1);
+    assert_eq!(sizes.windows(2).filter(|pair| falls(pair)).count(), 1);
 }
 
 #[test]
 fn what_has_settled_is_not_looked_at_again_where_the_interval_changes() {
-    let mut host = Host::new(&settings(true), 0.0, 0, 60.0, state([1.0, 0.0]));
+    let mut host = beginning(&settings(true), 1.0);
     host.delta_t = |time| if time < 20.0 { DELTA_T } else { 0.22 };
-    host.own = Some(advance);
-    host.run(0.0, |_| false);
+    host.run_with(&by(advance), &mut |_| false).unwrap();
     assert!(host.log.contains("states are kept 4.000e-1 s apart"), "{}", host.log);
     assert_eq!(host.log.matches("it stays as it is").count(), 1, "{}", host.log);
 }
@@ -133,23 +142,15 @@ fn a_run_that_is_carried_on_cuts_at_the_same_times() {
     let first = whole.jumps[0].1;
     // Before the change, behind its stride, and while it is judged
     for at in [first - 0.5, first, first + 1.0] {
-        let mut host = Host::new(&keeping("states"), 0.0, 0, 60.0, state([0.1, 0.0]));
-        host.own = Some(advance);
-        host.run(0.0, |host| host.time > at - 1e-9);
-        host.ride.save(&folder.path().join("ride.state")).unwrap();
-        let mut next = Host::new(&keeping("states"), host.time, host.index, 60.0, host.u.clone());
-        next.own = Some(advance);
-        let now = next.now();
-        let answer =
-            next.with(|ride, state| ride.load(&folder.path().join("ride.state"), now, state)).unwrap();
-        match answer.action {
-            Action::HandBack => {
-                let now = next.now();
-                next.with(|ride, state| ride.handed_back(now, Some(state), &[])).unwrap();
-            }
-            _ => drop(next.go_on(&answer, &|_| false)),
-        }
-        next.run(0.0, |_| false);
+        let mut host = beginning(&keeping("states"), 0.1);
+        host.run_with(&by(advance), &mut |host| host.time > at - 1e-9).unwrap();
+        let file = folder.path().join("ride.state");
+        host.ride.save(&file).unwrap();
+        let begin = toy::at(host.time, DELTA_T, 60.0, host.index);
+        let mut next = Host::fitting(&keeping("states"), begin, host.state[0].clone());
+        let answer = next.ride.load(&file, next.step(), &view(&next.state)).unwrap();
+        next.go_on(answer, &mut |_| false).unwrap();
+        next.run_with(&by(advance), &mut |_| false).unwrap();
         assert_eq!(next.bits(), whole.bits(), "{at} {:?} {:?}\n{}", next.jumps, whole.jumps, next.log);
     }
 }

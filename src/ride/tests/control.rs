@@ -51,7 +51,7 @@ fn a_bad_surrogate_leaves_the_run_to_the_solver_and_each_refusal_is_said() {
     let toy = Toy::new(0.5).biased(0.5);
     let mut host = Host::ran(&settings(r#""tolerance": 0.02"#), toy, 6.0);
     assert_eq!(host.events, [Solved(60)]);
-    assert_eq!(host.state, (0..60).fold(toy::solver(0.0), |s, _| toy::later(s, 0.1)), "to the bit");
+    assert_eq!(host.state[0], (0..60).fold(toy::solver(0.0), |s, _| toy::later(s, 0.1)), "to the bit");
     let refused = host.log.matches("m4gn: no jump at time").count();
     assert!(refused > 5, "{refused}");
     assert!(host.log.contains("is expected of a step. The solver goes on"), "{}", host.log);

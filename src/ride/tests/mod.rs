@@ -1,7 +1,7 @@
 //! A toy solver, a damped rotating vector, drives the ride through its branches; the errors of surrogates are known on paper.
 
 mod control;
-mod hosting;
+pub mod hosting;
 mod observing;
 mod replacing;
 mod restarting;

@@ -14,7 +14,7 @@ fn errors_are_those_on_paper_and_the_run_is_the_solvers() {
     let settings = r#"{"mode": "observe", "rolloutSteps": 3, "timeStart": 1, "writeErrors": true, "writePrecision": 17}"#;
     let mut host = Host::ran(settings, toy, 4.0);
     assert_eq!(host.events, [Solved(40)]);
-    assert_eq!(host.state, (0..40).fold(toy::solver(0.0), |s, _| toy::later(s, 0.1)), "to the bit");
+    assert_eq!(host.state[0], (0..40).fold(toy::solver(0.0), |s, _| toy::later(s, 0.1)), "to the bit");
     let rows = columns(&host.tables[2]);
     // Time, steps, oneStep, hold, rollout, holdFirst, rms; rollouts of three strides from 1 s.
     let times: Vec<f64> = rows.iter().map(|r| r[0]).collect();

@@ -14,7 +14,7 @@ fn solver_and_surrogate_take_turns_and_the_solver_ends_the_run() {
     assert_eq!(host.index, 50);
     assert_eq!(host.strides[0], (0.5, 5));
     // An exact surrogate: where the solver alone would be.
-    let error = (host.state[0] - toy::solver(5.0)[0]).abs();
+    let error = (host.state[0][0] - toy::solver(5.0)[0]).abs();
     assert!(error < 1e-12, "{error}");
     let summary = host.ride.end();
     for entry in [

@@ -80,11 +80,10 @@ fn under_other_conditions_a_jump_is_judged_by_its_own_strides() {
     first.folder = Some(folder.path().into());
     first.run().unwrap();
     let mut host = Host::new(from(settings, Some(Toy::new(0.5)), 2.8).unwrap(), 9.0);
-    (host.time, host.index, host.state) = (2.8, 28, toy::solver(2.8));
+    (host.time, host.index, host.state) = (2.8, 28, toy::state(2.8));
     host.ride.made_under(r#"{"nu": "2"}"#).unwrap();
-    let state = toy::state(2.8);
     let file = folder.path().join("2.8.state");
-    host.ride.load(&file, at(2.8, 0.1, 9.0, 28), &view(&state)).unwrap();
+    host.ride.load(&file, host.step(), &view(&host.state)).unwrap();
     host.correctors = vec![[3, 10]; 5];
     host.correctors.extend(vec![[10, 10]; 100]);
     host.run().unwrap();
