@@ -59,17 +59,25 @@ pub fn changed<H>(
     result.map(|()| 0)
 }
 
-/// Puts what `make` makes where the host wants its handle, and null there before. `make` is told of a place that
-/// cannot be used, so that a rank with one does not stay away from the others.
-pub fn create<T>(place: Result<&mut *mut T>, make: impl FnOnce(Result<()>) -> Result<T>) -> Result<i32> {
-    match place {
-        Ok(place) => {
-            *place = std::ptr::null_mut();
-            *place = Box::into_raw(Box::new(make(Ok(()))?));
-            Ok(0)
-        }
-        Err(e) => make(Err(e)).map(|_| 0),
-    }
+/// The body of the collective export `name` that puts a handle where the host wants it, and null there before. A rank whose place cannot be
+/// used stays [with the others](together), as one that cannot read what its host gave.
+pub fn create<I, T>(
+    name: &str,
+    comm: Result<Comm>,
+    place: Result<&mut *mut T>,
+    read: impl FnOnce(&Comm) -> Result<(I, String)>,
+    make: impl FnOnce(&Comm, I) -> Result<T>,
+) -> Result<i32> {
+    let place = place.map(|place| {
+        *place = std::ptr::null_mut();
+        place
+    });
+    let comm = comm?;
+    let read = || place.and_then(|place| read(&comm).map(|(input, same)| ((place, input), same)));
+    together(name, &comm, read, |(place, input)| {
+        *place = Box::into_raw(Box::new(make(&comm, input)?));
+        Ok(0)
+    })
 }
 
 /// The last part of a path: folders may differ between ranks (distributed roots), the file is the same.

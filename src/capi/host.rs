@@ -1,6 +1,5 @@
 //! What a host brings along to a ride.
 
-use super::guard;
 use super::pointers::{self, MeshData};
 use super::ride::{self, RideStep};
 use super::session::SessionHandle;
@@ -8,6 +7,7 @@ use super::state::{self, AheadFunction, ArrayData};
 use super::user_surrogate::{SurrogateData, UserSurrogate};
 use m4gn_base::{Error, Result};
 use m4gn_mesh::Mesh;
+use m4gn_model::Model;
 use m4gn_parallel::Comm;
 use m4gn_ride::registry::NETWORK;
 use m4gn_ride::{DmdSettings, Host, Network, Ride, RideSettings, Step, Surrogate};
@@ -52,28 +52,57 @@ pub struct HostData {
 }
 
 /// What a rank's host gives for a ride.
-struct Setup {
+pub(super) struct Setup {
+    host: HostData,
+    /// Of the host's session.
+    model: Option<Arc<Model>>,
     settings: RideSettings,
     start: Step,
     mesh: Option<Mesh>,
     layout: Layout,
     own: Option<UserSurrogate>,
-    /// What all ranks must have alike.
-    same: String,
+}
+
+/// The host's session, if there is one.
+///
+/// # Safety
+/// Pointers must be what `m4gn.h` says.
+unsafe fn session<'a>(host: *const HostData) -> Result<Option<&'a SessionHandle>> {
+    // SAFETY: passed on to the caller.
+    unsafe {
+        let session = pointers::optional_reference("host", host)?.map_or(std::ptr::null_mut(), |h| h.session);
+        pointers::optional_reference("host.session", session.cast())
+    }
+}
+
+/// The ranks of a ride: those of the session, so that a rank that cannot finish a call is seen wherever the others wait.
+///
+/// # Safety
+/// Pointers must be what `m4gn.h` says.
+pub(super) unsafe fn ranks(comm: i32, host: *const HostData) -> Result<Comm> {
+    // SAFETY: passed on to the caller.
+    match unsafe { session(host)? } {
+        Some(handle) => Ok(handle.session.comm().clone()),
+        None => Comm::from_fortran(comm),
+    }
 }
 
 impl Setup {
+    /// With what all ranks must have alike.
+    ///
     /// # Safety
     /// Pointers must be what `m4gn.h` says.
-    unsafe fn read(
+    pub(super) unsafe fn read(
         comm: &Comm,
-        host: &HostData,
+        host: *const HostData,
         options: *const c_char,
         start: *const RideStep,
-    ) -> Result<Self> {
+    ) -> Result<(Self, String)> {
         let bad = |text: &str| Err(Error::Input(format!("host: {text}")));
         // SAFETY: passed on to the caller.
         unsafe {
+            let model = session(host)?.map(|handle| handle.model.clone());
+            let host = *pointers::reference("host", host)?;
             let settings = RideSettings::parse(pointers::options(options)?)?;
             let (start, mut same) = ride::step(start)?;
             let network = !host.session.is_null() || !host.own.is_null();
@@ -121,49 +150,17 @@ impl Setup {
                 ..settings.clone()
             };
             same += &format!("\n{alike:?}\n{}", layout.shared());
-            Ok(Setup { settings, start, mesh, layout, own, same })
+            Ok((Setup { host, model, settings, start, mesh, layout, own }, same))
         }
     }
-}
 
-/// A ride of what a host brings along, and its ranks.
-///
-/// # Safety
-/// Pointers must be what `m4gn.h` says.
-pub(super) unsafe fn ride(
-    comm: i32,
-    place: Result<()>,
-    host: *const HostData,
-    options: *const c_char,
-    start: *const RideStep,
-) -> Result<(Ride<'static>, Comm)> {
-    // SAFETY: passed on to the caller.
-    let session = unsafe {
-        let session = pointers::optional_reference("host", host)?.map_or(std::ptr::null_mut(), |h| h.session);
-        pointers::optional_reference("host.session", session.cast::<SessionHandle>())?
-    };
-    // That of the session, so that a rank that cannot finish a call is seen wherever the others wait.
-    let comm = match session {
-        Some(handle) => handle.session.comm().clone(),
-        None => Comm::from_fortran(comm)?,
-    };
-    let read = || {
-        place?;
-        // SAFETY: passed on to the caller.
-        unsafe {
-            let host = *pointers::reference("host", host)?;
-            let mut setup = Setup::read(&comm, &host, options, start)?;
-            let same = std::mem::take(&mut setup.same);
-            Ok(((host, setup), same))
-        }
-    };
-    guard::together("m4gn_ride_new", &comm, read, |(data, setup)| {
-        let Setup { settings, start, mesh, layout, own, .. } = setup;
-        let network: Option<Box<dyn Surrogate>> = match (session, own) {
-            (Some(handle), _) => {
-                let (model, source) = (handle.model.clone(), settings.model.clone());
-                let network = Network::new(Borrowed(data.session.cast()), &model, source, &layout);
-                Some(Box::new(comm.agree(network)?))
+    /// Collective.
+    pub(super) fn ride(self, comm: &Comm) -> Result<Ride<'static>> {
+        let Setup { host, model, settings, start, mesh, layout, own } = self;
+        let network: Option<Box<dyn Surrogate>> = match (model, own) {
+            (Some(model), _) => {
+                let (session, source) = (Borrowed(host.session.cast()), settings.model.clone());
+                Some(Box::new(comm.agree(Network::new(session, &model, source, &layout))?))
             }
             (None, Some(own)) => Some(Box::new(own)),
             (None, None) => None,
@@ -179,10 +176,10 @@ pub(super) unsafe fn ride(
         let host = Host {
             layout: Arc::new(layout),
             network,
-            ahead: data.ahead.map(|function| state::ahead(function, data.data)),
+            ahead: host.ahead.map(|function| state::ahead(function, host.data)),
             global,
             owners: mesh.iter().flat_map(|mesh| mesh.boundary.iter().map(|face| face.owner)).collect(),
         };
-        Ok((Ride::new(comm.clone(), host, settings, start)?, comm.clone()))
-    })
+        Ride::new(comm.clone(), host, settings, start)
+    }
 }

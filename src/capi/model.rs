@@ -26,18 +26,11 @@ impl ModelHandle {
 }
 
 /// Collective.
-fn open(comm: i32, place: Result<()>, path: Result<PathBuf>) -> Result<ModelHandle> {
-    let comm = Comm::from_fortran(comm)?;
-    let read = || {
-        place?;
-        path.map(|path| (path.clone(), format!("path {}", guard::file_name(&path))))
-    };
-    guard::together("m4gn_model_open", &comm, read, |path| {
-        let model = read_model(&comm, &path)?;
-        let mut hasher = DefaultHasher::new();
-        hasher.write(&comm.agree(model.to_bytes())?);
-        Ok(ModelHandle { model: Arc::new(model), digest: hasher.finish() })
-    })
+fn open(comm: &Comm, path: PathBuf) -> Result<ModelHandle> {
+    let model = read_model(comm, &path)?;
+    let mut hasher = DefaultHasher::new();
+    hasher.write(&comm.agree(model.to_bytes())?);
+    Ok(ModelHandle { model: Arc::new(model), digest: hasher.finish() })
 }
 
 /// Elastic modes that a model's segments need.
@@ -56,8 +49,13 @@ exports! {
     fn m4gn_model_open(comm: i32, path: *const c_char, model: *mut *mut ModelHandle) -> i32, or |status| status; {
         // SAFETY: the host's string and place, or null.
         unsafe {
-            let path = pointers::text("path", path).map(PathBuf::from);
-            guard::create(pointers::reference_mut("model", model), |place| open(comm, place, path))
+            let (comm, place) = (Comm::from_fortran(comm), pointers::reference_mut("model", model));
+            let read = |_: &Comm| {
+                let path = PathBuf::from(pointers::text("path", path)?);
+                let same = format!("path {}", guard::file_name(&path));
+                Ok((path, same))
+            };
+            guard::create("m4gn_model_open", comm, place, read, open)
         }
     }
 

@@ -95,10 +95,12 @@ unsafe fn read(
     stiffness: *const CsrData,
     mass: *const CsrData,
     positions: *const f64,
-    options: &ModesOptions,
-) -> Result<Problem> {
+    options: *const c_char,
+) -> Result<((Problem, ModalOptions), String)> {
     // SAFETY: passed on to the caller.
     unsafe {
+        let options = ModesOptions::parse(pointers::options(options)?)?;
+        let same = format!("mass {}\n{}", !mass.is_null(), settings::lines(&options)?);
         let stiffness = pointers::reference("stiffness", stiffness)?.read("stiffness")?;
         let mass = match mass.is_null() {
             true => Mass::Diagonal(vec![1.0; stiffness.n()]),
@@ -109,34 +111,15 @@ unsafe fn read(
             true => Vec::new(),
             false => pointers::vectors("positions", positions, points)?.to_vec(),
         };
-        Ok(Problem { stiffness, mass, block: options.block, positions, shift: options.shift })
+        let problem = Problem { stiffness, mass, block: options.block, positions, shift: options.shift };
+        Ok(((problem, options.modal()), same))
     }
 }
 
-/// # Safety
-/// Pointers must be what `m4gn.h` says.
-unsafe fn new(
-    comm: i32,
-    place: Result<()>,
-    (stiffness, mass): (*const CsrData, *const CsrData),
-    options: *const c_char,
-    positions: *const f64,
-) -> Result<ModesHandle> {
-    let comm = Comm::from_fortran(comm)?;
-    let read = || -> Result<((Problem, ModalOptions), String)> {
-        place?;
-        // SAFETY: passed on to the caller.
-        unsafe {
-            let options = ModesOptions::parse(pointers::options(options)?)?;
-            let problem = read(stiffness, mass, positions, &options)?;
-            let same = format!("mass {}\n{}", !mass.is_null(), settings::lines(&options)?);
-            Ok(((problem, options.modal()), same))
-        }
-    };
-    guard::together("m4gn_modes_new", &comm, read, |(mut problem, options)| {
-        problem.simplify(&comm);
-        Ok(ModesHandle { modes: modes::solve(&problem, &comm, &options)?, n_rows: problem.stiffness.n() })
-    })
+/// Collective.
+fn solve(comm: &Comm, (mut problem, options): (Problem, ModalOptions)) -> Result<ModesHandle> {
+    problem.simplify(comm);
+    Ok(ModesHandle { modes: modes::solve(&problem, comm, &options)?, n_rows: problem.stiffness.n() })
 }
 
 exports! {
@@ -151,9 +134,8 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
-            guard::create(pointers::reference_mut("modes", modes), |place| {
-                new(comm, place, (stiffness, mass), options, positions)
-            })
+            let (comm, place) = (Comm::from_fortran(comm), pointers::reference_mut("modes", modes));
+            guard::create("m4gn_modes_new", comm, place, |_| read(stiffness, mass, positions, options), solve)
         }
     }
 

@@ -39,41 +39,36 @@ pub struct RecorderHandle {
 
 /// # Safety
 /// Pointers must be what `m4gn.h` says.
-unsafe fn new(
-    comm: i32,
-    place: Result<()>,
+unsafe fn read(
     mesh: *const MeshData,
     options: *const c_char,
     fields: (*const FieldInfo, i32),
-) -> Result<RecorderHandle> {
-    let comm = Comm::from_fortran(comm)?;
-    let read = || -> Result<((Mesh, PathBuf, WriteOptions), String)> {
-        place?;
-        // SAFETY: passed on to the caller.
-        unsafe {
-            let mesh = pointers::mesh(pointers::reference("mesh", mesh)?)?;
-            let options = RecorderOptions::parse(pointers::options(options)?)?;
-            let fields = read_metas(fields)?;
-            let same = format!("{}fields {fields:?}\n", options.shared()?);
-            let write = WriteOptions {
-                fields,
-                provenance: options.provenance.into(),
-                split: options.split,
-                overwrite: options.overwrite,
-            };
-            Ok(((mesh, options.path, write), same))
-        }
-    };
-    guard::together("m4gn_recorder_new", &comm, read, |(mesh, path, options)| {
-        let fields = options.fields.clone();
-        Ok(RecorderHandle {
+) -> Result<((Mesh, PathBuf, WriteOptions), String)> {
+    // SAFETY: passed on to the caller.
+    unsafe {
+        let mesh = pointers::mesh(pointers::reference("mesh", mesh)?)?;
+        let options = RecorderOptions::parse(pointers::options(options)?)?;
+        let fields = read_metas(fields)?;
+        let same = format!("{}fields {fields:?}\n", options.shared()?);
+        let write = WriteOptions {
             fields,
-            recorder: Recorder::create(&comm, &mesh, &path, &options)?,
-            n_cells: mesh.n_cells(),
-            n_boundary: mesh.boundary.len(),
-            broken: false,
-            comm: comm.clone(),
-        })
+            provenance: options.provenance.into(),
+            split: options.split,
+            overwrite: options.overwrite,
+        };
+        Ok(((mesh, options.path, write), same))
+    }
+}
+
+/// Collective.
+fn open(comm: &Comm, (mesh, path, options): (Mesh, PathBuf, WriteOptions)) -> Result<RecorderHandle> {
+    Ok(RecorderHandle {
+        recorder: Recorder::create(comm, &mesh, &path, &options)?,
+        fields: options.fields,
+        n_cells: mesh.n_cells(),
+        n_boundary: mesh.boundary.len(),
+        broken: false,
+        comm: comm.clone(),
     })
 }
 
@@ -169,9 +164,9 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
-            guard::create(pointers::reference_mut("recorder", recorder), |place| {
-                new(comm, place, mesh, options, (fields, n_fields))
-            })
+            let (comm, place) = (Comm::from_fortran(comm), pointers::reference_mut("recorder", recorder));
+            let read = |_: &Comm| read(mesh, options, (fields, n_fields));
+            guard::create("m4gn_recorder_new", comm, place, read, open)
         }
     }
 

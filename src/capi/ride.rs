@@ -1,7 +1,7 @@
 //! Exports: the state machine of a hybrid run.
 
 use super::guard;
-use super::host::{self, HostData};
+use super::host::{self, HostData, Setup};
 use super::pointers;
 use super::state;
 use m4gn_base::{Error, Result};
@@ -164,8 +164,10 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
-            guard::create(pointers::reference_mut("ride", ride), |place| {
-                let (ride, comm) = host::ride(comm, place, host, options, start)?;
+            let (comm, place) = (host::ranks(comm, host), pointers::reference_mut("ride", ride));
+            let read = |comm: &Comm| Setup::read(comm, host, options, start);
+            guard::create("m4gn_ride_new", comm, place, read, |comm, setup| {
+                let (ride, comm) = (setup.ride(comm)?, comm.clone());
                 Ok(RideHandle { ride, comm, text: CString::default(), broken: false })
             })
         }

@@ -95,27 +95,9 @@ pub(super) unsafe fn read<'a>(
     }
 }
 
-/// # Safety
-/// Pointers must be what `m4gn.h` says.
-unsafe fn new(
-    comm: i32,
-    place: Result<()>,
-    mesh: *const MeshData,
-    model: *const ModelHandle,
-    options: *const c_char,
-    cell_segment: *const i32,
-) -> Result<SegmentsHandle> {
-    let comm = Comm::from_fortran(comm)?;
-    // SAFETY: passed on to the caller.
-    let read = || place.and_then(|()| unsafe { read(mesh, model, options, cell_segment) });
-    guard::together("m4gn_segments_new", &comm, read, |(mesh, model, request)| {
-        let spec = comm.agree(request.spec(model))?;
-        cut(&comm, &mesh, &spec, &request)
-    })
-}
-
 /// Collective.
-fn cut(comm: &Comm, mesh: &Mesh, spec: &SegmentSpec, request: &Request) -> Result<SegmentsHandle> {
+fn cut(comm: &Comm, (mesh, model, request): Asked) -> Result<SegmentsHandle> {
+    let (mesh, spec) = (&mesh, &comm.agree(request.spec(model))?);
     let mut graph = Graph::new(mesh, comm)?;
     let modal = Modal(spec.modal());
     let modes = match request.with_modes {
@@ -156,9 +138,8 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
-            guard::create(pointers::reference_mut("segments", segments), |place| {
-                new(comm, place, mesh, model, options, cell_segment)
-            })
+            let (comm, place) = (Comm::from_fortran(comm), pointers::reference_mut("segments", segments));
+            guard::create("m4gn_segments_new", comm, place, |_| read(mesh, model, options, cell_segment), cut)
         }
     }
 

@@ -38,35 +38,28 @@ pub struct SessionHandle {
 }
 
 /// # Safety
-/// Pointers must be what `m4gn.h` says.
-unsafe fn new(
-    comm: i32,
-    place: Result<()>,
+/// Pointers must be what `m4gn.h` says; `cell_segment` has an entry for each cell.
+unsafe fn read<'a>(
     mesh: *const MeshData,
     model: *const ModelHandle,
     options: *const c_char,
     cell_segment: *const i32,
-) -> Result<SessionHandle> {
-    let comm = Comm::from_fortran(comm)?;
-    let read = || -> Result<((Mesh, &ModelHandle, SessionOptions), String)> {
-        place?;
-        // SAFETY: passed on to the caller; the labels are as many as the cells.
-        unsafe {
-            let mesh = pointers::mesh(pointers::reference("mesh", mesh)?)?;
-            let model = pointers::reference("model", model)?;
-            let mut options = SessionOptions::parse(pointers::options(options)?)?;
-            options.cell_segment = pointers::labels(cell_segment, mesh.n_cells())?;
-            let same = format!("{}{}\n{}", options.shared()?, m4gn_domain::shared(&mesh), model.shared());
-            Ok(((mesh, model, options), same))
-        }
-    };
-    guard::together("m4gn_session_new", &comm, read, |(mesh, model, options)| {
-        let session = Session::new(comm.clone(), &mesh, &model.model, &options)?;
-        handle(session, model.model.clone(), mesh.obstacle.as_ref().map(|o| o.positions.len()))
-    })
+) -> Result<((Mesh, &'a ModelHandle, SessionOptions), String)> {
+    // SAFETY: passed on to the caller.
+    unsafe {
+        let mesh = pointers::mesh(pointers::reference("mesh", mesh)?)?;
+        let model = pointers::reference("model", model)?;
+        let mut options = SessionOptions::parse(pointers::options(options)?)?;
+        options.cell_segment = pointers::labels(cell_segment, mesh.n_cells())?;
+        let same = format!("{}{}\n{}", options.shared()?, m4gn_domain::shared(&mesh), model.shared());
+        Ok(((mesh, model, options), same))
+    }
 }
 
-fn handle(session: Session, model: Arc<Model>, n_obstacle: Option<usize>) -> Result<SessionHandle> {
+/// Collective.
+fn open(comm: &Comm, (mesh, model, options): (Mesh, &ModelHandle, SessionOptions)) -> Result<SessionHandle> {
+    let session = Session::new(comm.clone(), &mesh, &model.model, &options)?;
+    let (model, n_obstacle) = (model.model.clone(), mesh.obstacle.as_ref().map(|o| o.positions.len()));
     let name =
         |n: &str| CString::new(n).map_err(|_| Error::Model(format!("field name {n:?} has a zero byte")));
     let names = session.spec().fields.iter().map(|f| name(&f.name)).collect::<Result<_>>()?;
@@ -158,9 +151,8 @@ exports! {
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
         unsafe {
-            guard::create(pointers::reference_mut("session", session), |place| {
-                new(comm, place, mesh, model, options, cell_segment)
-            })
+            let (comm, place) = (Comm::from_fortran(comm), pointers::reference_mut("session", session));
+            guard::create("m4gn_session_new", comm, place, |_| read(mesh, model, options, cell_segment), open)
         }
     }
 

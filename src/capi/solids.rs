@@ -13,31 +13,21 @@ use std::ffi::c_char;
 
 /// # Safety
 /// Pointers must be what `m4gn.h` says.
-unsafe fn new(
-    comm: i32,
-    place: Result<()>,
-    body: *const SolidData,
-    options: *const c_char,
-) -> Result<ModesHandle> {
-    let comm = Comm::from_fortran(comm)?;
-    let read = || -> Result<(HostBody, String)> {
-        place?;
-        // SAFETY: passed on to the caller.
-        unsafe {
-            let mut found = HostBody::new(&pointers::reference("body", body)?.arrays()?);
-            let asked = ModesOptions::of_body(pointers::options(options)?)?;
-            found.options.modal = asked.modal();
-            let o = &found.options;
-            let asked = settings::lines(&asked)?;
-            let same = format!("plane_stress {:?}\nfree_body {}\n{asked}", o.plane, o.free_body);
-            Ok((found, same))
-        }
-    };
-    guard::together("m4gn_solid_modes_new", &comm, read, |body| solve(&comm, &body))
+unsafe fn read(body: *const SolidData, options: *const c_char) -> Result<(HostBody, String)> {
+    // SAFETY: passed on to the caller.
+    unsafe {
+        let mut found = HostBody::new(&pointers::reference("body", body)?.arrays()?);
+        let asked = ModesOptions::of_body(pointers::options(options)?)?;
+        found.options.modal = asked.modal();
+        let o = &found.options;
+        let asked = settings::lines(&asked)?;
+        let same = format!("plane_stress {:?}\nfree_body {}\n{asked}", o.plane, o.free_body);
+        Ok((found, same))
+    }
 }
 
 /// Collective.
-fn solve(comm: &Comm, body: &HostBody) -> Result<ModesHandle> {
+fn solve(comm: &Comm, body: HostBody) -> Result<ModesHandle> {
     let found = fem::modes(&body.mesh, &body.materials, &body.fixed, &body.options, comm)?;
     Ok(ModesHandle {
         n_rows: 3 * body.mesh.points.len(),
@@ -57,6 +47,9 @@ exports! {
         modes: *mut *mut ModesHandle,
     ) -> i32, or |status| status; {
         // SAFETY: the host's pointers, as the header says.
-        unsafe { guard::create(pointers::reference_mut("modes", modes), |place| new(comm, place, body, options)) }
+        unsafe {
+            let (comm, place) = (Comm::from_fortran(comm), pointers::reference_mut("modes", modes));
+            guard::create("m4gn_solid_modes_new", comm, place, |_| read(body, options), solve)
+        }
     }
 }
