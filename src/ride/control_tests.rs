@@ -7,6 +7,12 @@ fn control(json: &str, calibrated: bool) -> Control {
     Control::new(fields, ControlSettings::parse(json).unwrap()).unwrap()
 }
 
+/// Of fields whose errors do not grow.
+fn steady<const N: usize>(fields: [&str; N], json: &str) -> Control {
+    let fields = fields.map(|name| (name.to_string(), Growth::None)).into();
+    Control::new(fields, ControlSettings::parse(json).unwrap()).unwrap()
+}
+
 fn stride(error: f64) -> [StrideError; 2] {
     let one = |error| StrideError { error, change: 0.3, size: 0.0, variation: 2.0 };
     [one(error), one(1.0)]
@@ -96,10 +102,7 @@ fn without_calibration_errors_add_up() {
 
 #[test]
 fn errors_that_do_not_grow_let_a_jump_be_as_long_as_it_may() {
-    let settings = ControlSettings::parse(r#"{"tolerance": 0.05}"#).unwrap();
-    let mut c =
-        Control::new(vec![("U".to_string(), Growth::None), ("p".to_string(), Growth::None)], settings)
-            .unwrap();
+    let mut c = steady(["U", "p"], r#"{"tolerance": 0.05}"#);
     c.measure(&stride(0.04)).unwrap();
     assert_eq!((c.strides(200), c.estimate(200)), (200, 0.02));
     c.measure(&stride(0.2)).unwrap();
@@ -124,11 +127,7 @@ fn the_size_and_the_change_are_the_largest_so_far() {
 #[test]
 fn a_surrogate_that_stays_bad_ends_the_run_where_that_is_asked_for() {
     let mut c = control(r#"{"tolerance": 0.01, "onFailure": "stop", "patience": 3}"#, true);
-    c.measure(&stride(1.0)).unwrap();
-    c.measure(&stride(1.0)).unwrap();
-    c.measure(&stride(0.0)).unwrap();
-    c.measure(&stride(1.0)).unwrap();
-    c.measure(&stride(1.0)).unwrap();
+    [1.0, 1.0, 0.0, 1.0, 1.0].iter().for_each(|error| c.measure(&stride(*error)).unwrap());
     fails(c.measure(&stride(1.0)), &["3 strides in a row", "onFailure solver"]);
     let mut goes_on = control(r#"{"tolerance": 0.01, "patience": 3}"#, true);
     (0..20).for_each(|_| goes_on.measure(&stride(1.0)).unwrap());
@@ -181,30 +180,29 @@ fn relative_errors_are_those_of_the_watched_fields() {
 
 #[test]
 fn the_first_field_that_varies_is_watched_where_none_is_named() {
-    let fields = || ["DT", "T", "p"].map(|name| (name.to_string(), Growth::None)).to_vec();
-    let settings = |text| ControlSettings::parse(text).unwrap();
+    let control = || steady(["DT", "T", "p"], r#"{"tolerance": 0.05}"#);
     let still = StrideError { error: 0.0, change: 0.0, size: 4.0, variation: 0.0 };
     let row = |error| StrideError { error, change: 1.0, size: 300.0, variation: 10.0 };
-    let mut c = Control::new(fields(), settings(r#"{"tolerance": 0.05}"#)).unwrap();
+    let mut c = control();
     c.measure(&[still, row(0.9), row(0.1)]).unwrap();
     // T is off by nine tenths of what it changed.
     assert_eq!((c.error(), c.strides(8)), (0.09, 0));
     c.measure(&[still, row(0.1), row(0.9)]).unwrap();
     assert_eq!((c.error(), c.strides(8)), (0.01, 8));
-    let mut again = Control::new(fields(), settings(r#"{"tolerance": 0.05}"#)).unwrap();
+    let mut again = control();
     again.restore(&c.state().unwrap()).unwrap();
     assert_eq!(again.error(), 0.01);
     // DT is uniform, and all that it varies by is rounding: so it stays in a run that is carried on.
     let rounding = StrideError { error: 1e-13, change: 1e-13, size: 4.0, variation: 1e-13 };
-    let mut c = Control::new(fields(), settings(r#"{"tolerance": 0.05}"#)).unwrap();
+    let mut c = control();
     c.measure(&[rounding, row(0.1), row(0.9)]).unwrap();
     again.restore(&c.state().unwrap()).unwrap();
     assert_eq!((again.error(), again.held()), (0.01, vec!["T"]));
     // Among those that may be, and the one that is named whatever it does.
-    let mut c = Control::new(fields(), settings(r#"{"tolerance": 0.05}"#)).unwrap().among(&["p".into()]);
+    let mut c = control().among(&["p".into()]);
     c.measure(&[still, row(0.9), row(0.1)]).unwrap();
     assert_eq!(c.error(), 0.01);
-    let mut c = Control::new(fields(), settings(r#"{"tolerance": 0.05, "fields": ["DT"]}"#)).unwrap();
+    let mut c = steady(["DT", "T", "p"], r#"{"tolerance": 0.05, "fields": ["DT"]}"#);
     c.measure(&[still, row(0.9), row(0.1)]).unwrap();
     assert_eq!(c.error(), 0.0);
 }

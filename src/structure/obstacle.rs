@@ -157,10 +157,7 @@ fn words<'a>(comm: &Comm, own: impl Iterator<Item = &'a str>) -> BTreeSet<String
 }
 
 fn listed(words: &BTreeSet<String>) -> String {
-    match words.is_empty() {
-        true => "none".into(),
-        false => words.iter().map(String::as_str).collect::<Vec<_>>().join(", "),
-    }
+    if words.is_empty() { "none".into() } else { m4gn_base::listed(words) }
 }
 
 #[cfg(test)]
