@@ -36,10 +36,6 @@ pub struct Args {
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the table cannot be read, has no such column or too few rows, or --json cannot be written.
 pub fn run(args: Args) -> Result<()> {
     refuse(args.start.is_nan(), Error::Input, || "--start NaN: expected a time, s")?;
     let tables = table::files_of(&args.table)?;

@@ -91,10 +91,6 @@ const SECONDS: Duration = Duration::from_secs(4);
 /// Most threads.
 const MAX_THREADS: usize = 1024;
 
-/// Runs the command.
-///
-/// # Errors
-/// For options that do not go together, a model that does not fit the mesh, or a file that cannot be read or written.
 pub fn run(args: Args) -> Result<()> {
     if !(1..=MAX_THREADS).contains(&args.threads) {
         return Err(Error::Input(format!("--threads {}: expected 1 to {MAX_THREADS}", args.threads)));
@@ -280,9 +276,6 @@ fn serve_training(trial: &Trial, backend: &Backend) -> Result<()> {
 }
 
 /// Says the description, then answers each `run` with the wall time and the processor time of a step, ms, until the input ends.
-///
-/// # Errors
-/// What the step returns; [`Error::File`] where the other side is gone; [`Error::Input`] for another line.
 fn answer(description: Value, mut step: impl FnMut() -> Result<()>) -> Result<()> {
     let failed = |e: std::io::Error| Error::file("standard output", e.to_string());
     let mut out = std::io::stdout().lock();

@@ -53,10 +53,6 @@ pub struct Args {
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model does not fit the data, a file cannot be read or written, or there are too few rollouts.
 pub fn run(args: Args) -> Result<()> {
     let data = Some(&*args.data);
     let _json = crate::claim_outputs([args.json.as_deref()], [data, Some(&*args.model)])?;

@@ -127,10 +127,7 @@ fn shard(text: &str) -> std::result::Result<(usize, usize), String> {
     parts.filter(|(i, n)| i <= n).ok_or_else(|| "expected I/N with I from 1 to N".into())
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// What is wrong with the campaign or the case; runs that failed, after all others.
+/// Runs the command; runs that failed are told after all others.
 pub fn run(args: Args) -> Result<()> {
     let mut tools = surroundings(stop_flag()?, Duration::from_secs(86_400))?;
     let mut say = |line: &str| println!("{line}");

@@ -40,10 +40,6 @@ fn file(text: &str) -> std::result::Result<PathBuf, String> {
     path.is_file().then_some(path).ok_or_else(|| "there is no such file".into())
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// What keeps the solver from being run, and the reasons of surrogates that do not fit.
 pub fn run(args: Args) -> Result<()> {
     let _claimed = claim_outputs(
         [args.json.as_deref()],

@@ -51,7 +51,6 @@ pub struct Args {
 /// Times that are pictured.
 const PICTURES: usize = 3;
 
-/// Runs the command.
 pub fn run(args: Args) -> Result<()> {
     let _claimed = super::claim_outputs(
         [&args.json, &args.html].map(|p| p.as_deref()),

@@ -64,10 +64,6 @@ enum Kind {
     Pytorch,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When a file cannot be read, makes no trajectory, or cannot be written.
 pub fn run(args: Args) -> Result<()> {
     let input = args.input.as_path();
     let ending = input.extension().and_then(|e| e.to_str());

@@ -72,10 +72,6 @@ pub struct Args {
     html: Option<PathBuf>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// Bad settings, missing programs, a folder that cannot be used, interruption, or a run that failed.
 pub fn run(args: Args) -> Result<()> {
     let _claimed = claim_outputs([args.json.as_deref(), args.html.as_deref()], [args.model.as_deref()])?;
     let plan = plan(&args)?;

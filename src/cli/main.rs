@@ -1,31 +1,32 @@
 //! The command line `m4gn`: exit status 0 done, 1 failed, 2 bad usage; errors are one paragraph on stderr.
+//! Each command is a module with its `Args`, and `run`, which fails with that paragraph.
 
 // First, since its macros print in all the others.
 #[macro_use]
 mod output;
 
-pub mod averages;
-pub mod bench;
-pub mod calibrate;
-pub mod campaign;
-pub mod check;
-pub mod compare;
-pub mod convert;
-pub mod generate;
-pub mod hybrid;
-pub mod info;
+mod averages;
+mod bench;
+mod calibrate;
+mod campaign;
+mod check;
+mod compare;
+mod convert;
+mod generate;
+mod hybrid;
+mod info;
 mod number;
-pub mod predict;
+mod predict;
 mod running;
-pub mod segment;
-pub mod shell;
+mod segment;
+mod shell;
 mod stop;
-pub mod study;
-pub mod suggest;
-pub mod train;
-pub mod tutorial;
-pub mod validate;
-pub mod verify;
+mod study;
+mod suggest;
+mod train;
+mod tutorial;
+mod validate;
+mod verify;
 
 pub use output::{claim_outputs, counted, progress_bar, write_json};
 pub use stop::stop_flag;

@@ -48,9 +48,6 @@ pub(super) fn complain(text: std::fmt::Arguments) {
 }
 
 /// Whether all that was said was printed. A reader that has closed its pipe (`| head`) has seen enough.
-///
-/// # Errors
-/// [`Error::Input`] where it was not.
 pub(super) fn printed() -> Result<()> {
     match *OUTPUT.lock().unwrap_or_else(|e| e.into_inner()) {
         None | Some(ErrorKind::BrokenPipe) => Ok(()),
@@ -98,9 +95,6 @@ pub(super) fn filled(template: &str, figures: &Value) -> String {
 }
 
 /// Writes figures where `--json FILE` says ([`write_whole`]); does nothing without a file.
-///
-/// # Errors
-/// [`Error::File`] when the file cannot be written.
 pub fn write_json(path: Option<&Path>, figures: &impl Serialize) -> Result<()> {
     let Some(path) = path else { return Ok(()) };
     let figures = serde_json::to_value(figures).map_err(|e| Error::Internal(e.to_string()))?;
@@ -108,9 +102,6 @@ pub fn write_json(path: Option<&Path>, figures: &impl Serialize) -> Result<()> {
 }
 
 /// Claims the places of files that were asked for, none of which may be read as well ([`lock::outputs`]), before anything is computed.
-///
-/// # Errors
-/// [`Error::File`] naming the one that could not be put there, that another program writes, or that is an input.
 pub fn claim_outputs<'a>(
     paths: impl IntoIterator<Item = Option<&'a Path>>,
     inputs: impl IntoIterator<Item = Option<&'a Path>>,

@@ -35,10 +35,7 @@ pub struct Args {
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model does not fit the data, or a file cannot be read or written; when a rollout becomes non-finite (after all are written).
+/// Runs the command; rollouts that become non-finite are told after all are written.
 pub fn run(args: Args) -> Result<()> {
     let _claimed = super::claim_outputs(
         [args.json.as_deref(), Some(&*args.out).filter(|_| !args.data.is_dir())],

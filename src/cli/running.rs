@@ -20,9 +20,6 @@ pub struct Running {
 
 impl Running {
     /// The options of a session.
-    ///
-    /// # Errors
-    /// For a backend or a precision that is none.
     pub fn options(&self) -> Result<SessionOptions> {
         Ok(SessionOptions {
             backend: Backend::parse(&self.backend)?,

@@ -13,10 +13,6 @@ pub struct Args {
     out: PathBuf,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// [`Error::File`] where they cannot be written.
 pub fn run(args: Args) -> Result<()> {
     let write = |e: std::io::Error| Error::file(&args.out, format!("cannot be written: {e}"));
     let pages = args.out.join("man1");

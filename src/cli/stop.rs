@@ -7,9 +7,6 @@ use std::sync::atomic::{AtomicU8, Ordering};
 static STOP: AtomicU8 = AtomicU8::new(0);
 
 /// The flag that Ctrl-C and SIGTERM make nonzero; the second one ends the program at once.
-///
-/// # Errors
-/// [`Error::Internal`] when signals cannot be caught.
 pub fn stop_flag() -> Result<&'static AtomicU8> {
     static INSTALLED: OnceLock<std::result::Result<(), String>> = OnceLock::new();
     INSTALLED

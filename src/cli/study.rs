@@ -20,10 +20,7 @@ pub struct Args {
     out: PathBuf,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// A file that cannot be, or trainings that failed, after the report.
+/// Runs the command; trainings that failed are told after the report.
 pub fn run(args: Args) -> Result<()> {
     let plan = Plan::read(&args.file)?;
     let report = study(&plan, &args.out, stop_flag()?, &mut |line| println!("{line}"))?;

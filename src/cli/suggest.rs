@@ -21,10 +21,6 @@ pub struct Args {
     out: PathBuf,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// Data that cannot be read, or trained on; too little time for a training; a file that is there already, or cannot be written.
 pub fn run(args: Args) -> Result<()> {
     let _claimed = claim_outputs([Some(&*args.out)], [Some(&*args.data)])?;
     // It may have been edited since it was suggested

@@ -50,10 +50,7 @@ pub struct Args {
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// What the training fails with; of several ranks one has the message, the others [`Error::OtherRank`].
+/// Runs the command; of several ranks that fail one has the message, the others [`Error::OtherRank`].
 pub fn run(args: Args) -> Result<()> {
     let native = match (args.backend.as_deref(), args.device.as_str()) {
         (Some("native"), "cpu") | (None, "cpu") => true,

@@ -22,10 +22,6 @@ pub struct Args {
     options: Vec<OsString>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// [`Error::Input`] for a name that is none, listing those that are, and for a tutorial that fails.
 pub fn run(args: Args) -> Result<()> {
     let (folders, names) = plugin::shipped("openfoam/tutorials", "Allrun");
     let script = folders.iter().map(|f| f.join(&args.name).join("Allrun")).find(|f| f.is_file());

@@ -47,10 +47,7 @@ pub struct Args {
 /// Which trajectories: to report on, to choose settings on, to train on, or each of them.
 pub const SPLITS: [&str; 4] = ["test", "valid", "train", "all"];
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model does not fit the data, a file cannot be read, or a rollout becomes non-finite (after the table).
+/// Runs the command; rollouts that become non-finite are told after the table.
 pub fn run(args: Args) -> Result<()> {
     let options = args.running.options()?;
     let _claimed = crate::claim_outputs([args.json.as_deref()], [Some(&*args.model), Some(&*args.data)])?;
@@ -100,9 +97,6 @@ pub fn run(args: Args) -> Result<()> {
 }
 
 /// Fails where rollouts, of so many, became non-finite: each a file and why.
-///
-/// # Errors
-/// [`Error::Numerical`] naming the first.
 pub fn check_finite(diverged: &[String], of: usize) -> Result<()> {
     refuse_any(diverged.first(), Error::Numerical, |first| {
         format!("{} of {of} rollouts became non-finite; the first: {first}", diverged.len())
@@ -136,17 +130,11 @@ pub struct Progress {
 
 impl Progress {
     /// Of so many steps.
-    ///
-    /// # Errors
-    /// When Ctrl-C cannot be caught.
     pub fn new(steps: usize) -> Result<Self> {
         Ok(Progress { bar: super::progress_bar(steps as u64, "steps"), stop: super::stop_flag()? })
     }
 
-    /// One step more.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`] after Ctrl-C.
+    /// One step more; fails after Ctrl-C.
     pub fn advance(&self) -> Result<()> {
         self.bar.iter().for_each(|b| b.inc(1));
         match self.stop.load(Ordering::Relaxed) {

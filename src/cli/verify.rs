@@ -32,10 +32,6 @@ pub struct Args {
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// A folder that is no finished run with jumps, a solver that fails, and jumps whose error is above the tolerance.
 pub fn run(args: Args) -> Result<()> {
     let _claimed = claim_outputs([args.json.as_deref()], [Some(&*args.case)])?;
     let plan = Plan {

@@ -44,9 +44,6 @@ fn setting(text: &str) -> std::result::Result<(String, Setting), String> {
 }
 
 /// Runs the command: the family, then its options. Bad usage ends the program with status 2.
-///
-/// # Errors
-/// As [`super::run`].
 pub(super) fn run(arguments: &[OsString]) -> Result<()> {
     let (name, options) = arguments
         .split_first()

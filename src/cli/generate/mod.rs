@@ -84,10 +84,6 @@ struct Common {
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// Missing programs, a folder that cannot be used, interruption, or a case that failed.
 pub fn run(args: Args) -> Result<()> {
     match args.family {
         Family::DeformingPlate(solid) => solids::run(&solid, Body::DeformingPlate, false),

@@ -30,9 +30,6 @@ pub(super) struct SolidArgs {
 }
 
 /// Makes bodies of a family.
-///
-/// # Errors
-/// As [`super::run`].
 pub(super) fn run(solid: &SolidArgs, family: Family, large: bool) -> Result<()> {
     let common = &solid.common;
     if find_program("gmsh").is_none() {

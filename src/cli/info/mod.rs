@@ -22,10 +22,7 @@ pub struct Args {
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the file cannot be read; for a folder, when any of its trajectories is damaged (after the table).
+/// Runs the command; a folder's damaged trajectories are told after the table.
 pub fn run(args: Args) -> Result<()> {
     let _claimed = super::claim_outputs([args.json.as_deref()], [Some(&*args.path)])?;
     let path = args.path.as_path();

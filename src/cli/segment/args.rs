@@ -59,9 +59,6 @@ pub struct Args {
 
 impl Args {
     /// What the command line says of the segments.
-    ///
-    /// # Errors
-    /// [`Error::Input`](m4gn_base::Error::Input) for an entry that is unknown or not of its type.
     pub(super) fn entries(&self) -> Result<SegmentEntries> {
         let mut entries: Map<String, Value> = self.set.iter().cloned().collect();
         let named = [

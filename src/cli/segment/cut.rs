@@ -70,9 +70,6 @@ pub struct Cut {
 
 impl Cut {
     /// Cuts the mesh as `spec` says.
-    ///
-    /// # Errors
-    /// What the modes or the method fail with.
     pub fn new(mesh: &Mesh, graph: &mut Graph, spec: &SegmentSpec, comm: &Comm) -> Result<Self> {
         let elastic = comm.agree(spec.is_elastic(mesh))?;
         let (modes, for_modes) = Cost::of(|| Modal(spec.modal()).of_mesh(mesh, elastic, spec.modes, comm))?;

@@ -53,9 +53,6 @@ pub enum Input {
 
 impl Input {
     /// A folder with system/controlDict is a case; else a trajectory or a folder of them, whose first is taken.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for what is neither; what opening it fails with.
     pub fn open(path: &Path) -> Result<Self> {
         if path.join("system/controlDict").is_file() {
             return Ok(Input::Case(Box::new(FoamCase::open(path)?)));
@@ -87,9 +84,6 @@ impl Input {
     }
 
     /// The undecomposed mesh. `node_types` is for cases only.
-    ///
-    /// # Errors
-    /// As [`FoamCase::mesh`]; [`Error::Input`] for node types of a trajectory, which has its own.
     pub fn mesh(&mut self, node_types: &[(String, NodeType)]) -> Result<Mesh> {
         match self {
             Input::Case(case) => case.mesh(node_types),
@@ -101,9 +95,6 @@ impl Input {
     }
 
     /// Adds the modes of the elastic body to the mesh of a solid's case, if segments are to be made of them.
-    ///
-    /// # Errors
-    /// What [`FoamCase::elastic_modes`] fails with.
     pub fn add_elastic_modes(&mut self, mesh: &mut Mesh, spec: &SegmentSpec) -> Result<()> {
         let wanted = spec.operator != Some(ModalOperator::Laplacian);
         if let Input::Case(case) = self
@@ -116,9 +107,6 @@ impl Input {
     }
 
     /// The description of the model that the function object of a case names, if it names one.
-    ///
-    /// # Errors
-    /// What reading the model fails with.
     pub fn model(&self) -> Result<Option<ModelSpec>> {
         let Some(name) = self.function_object().get("model").and_then(Value::as_str).map(PathBuf::from)
         else {
@@ -136,9 +124,6 @@ impl Input {
     }
 
     /// What the `segments` entry of a case's function object says differently from its model.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for an entry that is unknown or not of its type.
     pub fn dictionary(&self) -> Result<SegmentEntries> {
         let mut entries = self.function_object();
         entries.retain(|key, _| key == "segments");
@@ -158,9 +143,6 @@ impl Input {
     }
 
     /// Fails where [`Self::write`] would: before anything is computed.
-    ///
-    /// # Errors
-    /// [`Error::File`] for fields of somebody else, unless they may be overwritten.
     pub fn check_fields(&mut self, modes: usize, overwrite: bool) -> Result<()> {
         let Input::Case(case) = self else { return Ok(()) };
         for name in names(modes) {
@@ -176,10 +158,7 @@ impl Input {
     }
 
     /// Writes the segments and modes of the cells: as fields into the folder of a case's start time, or as points with
-    /// values into `vtu`. Returns what was written, for people.
-    ///
-    /// # Errors
-    /// When a file cannot be written; what was there is then still there.
+    /// values into `vtu`. Returns what was written, for people. What was there stays where a file cannot be written.
     pub fn write(
         &mut self,
         mesh: &Mesh,

@@ -16,11 +16,7 @@ use m4gn_parallel::Comm;
 use m4gn_structure::graph::Graph;
 use m4gn_structure::{Record, obstacle_note};
 
-/// Runs the command.
-///
-/// # Errors
-/// For an input that is no case and no trajectory, values out of range, and files that cannot be written. Nothing is
-/// written then, unless it is the writing that fails.
+/// Runs the command; nothing is written where anything but the writing fails.
 pub fn run(args: Args) -> Result<()> {
     let mut input = Input::open(&args.path)?;
     refuse(
