@@ -9,6 +9,11 @@ pub fn m4gn() -> Command {
     Command::new(env!("CARGO_BIN_EXE_m4gn"))
 }
 
+/// A run in a folder.
+pub fn run_in(folder: &Path, arguments: &[&str]) -> Output {
+    m4gn().current_dir(folder).args(arguments).output().unwrap()
+}
+
 /// All that a run has printed.
 pub fn text(output: &Output) -> String {
     format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))

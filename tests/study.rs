@@ -1,6 +1,6 @@
 //! `m4gn study` from outside: what is trained, tested and reported, and that it goes on where it was stopped.
 
-use crate::program;
+use crate::program::{self, refused, success};
 use m4gn_samples::training as sample;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -26,6 +26,14 @@ remove = ["macro", "segments", "model.layers_before", "model.layers_after"]
 set = { model = { kind = "gcn", layers = 2 } }
 "#;
 
+/// Data, a configuration of `training` entries, and a study.
+fn folder(training: &str, study: &str) -> tempfile::TempDir {
+    let folder = sample::folder();
+    std::fs::write(folder.path().join("config.toml"), sample::config(training)).unwrap();
+    std::fs::write(folder.path().join("study.toml"), study).unwrap();
+    folder
+}
+
 fn command(folder: &Path) -> Command {
     let mut command = program::m4gn();
     command.current_dir(folder).args(["study", "study.toml", "--out", "out"]);
@@ -38,13 +46,9 @@ fn study(folder: &Path) -> Output {
 
 #[test]
 fn networks_are_trained_once_and_compared_with_their_baselines() {
-    let folder = sample::folder();
+    let folder = folder("", STUDY);
     let at = |name: &str| folder.path().join(name);
-    std::fs::write(at("config.toml"), sample::config("")).unwrap();
-    std::fs::write(at("study.toml"), STUDY).unwrap();
-    let first = study(folder.path());
-    let said = String::from_utf8_lossy(&first.stdout).into_owned();
-    assert!(first.status.success(), "{said}{}", String::from_utf8_lossy(&first.stderr));
+    let said = success(&study(folder.path()));
     for expected in [
         "1/4 flow/M4GN/1: 4 updates in ",
         "train with 2 segments: RMSE-1 ",
@@ -79,7 +83,7 @@ fn networks_are_trained_once_and_compared_with_their_baselines() {
     let before = files.map(made);
     let wider = STUDY.replace("layers = 2 }", "layers = 2, width = 24 }");
     std::fs::write(at("study.toml"), &wider).unwrap();
-    assert!(study(folder.path()).status.success());
+    success(&study(folder.path()));
     let after = files.map(made);
     assert_eq!(before[..2], after[..2]);
     assert_ne!(before[2], after[2]);
@@ -92,30 +96,27 @@ fn networks_are_trained_once_and_compared_with_their_baselines() {
         std::fs::rename(path.with_extension("copy"), path).unwrap();
     }
     let before = files.map(made);
-    let again = study(folder.path());
-    assert!(again.status.success() && files.map(made) == before, "{again:?}");
+    let again = success(&study(folder.path()));
+    assert!(files.map(made) == before, "{again}");
 
     // Other data: what was there before is kept, and it is said before.
     std::fs::remove_file(at("data/000.h5")).unwrap();
     sample::write_trajectory(&at("data/000.h5"), 5, m4gn_data::Split::Train, 30).unwrap();
     let model = std::fs::read(at("out/flow/GCN/1/model.safetensors")).unwrap();
-    let other = study(folder.path());
-    let said = String::from_utf8_lossy(&other.stdout).into_owned();
+    let said = success(&study(folder.path()));
     let (told, first) = (
         said.find("3/4 flow/GCN/1: is trained anew, with another data set"),
         said.find("1/4 flow/M4GN/1: 4 updates"),
     );
-    assert!(other.status.success() && told.is_some() && told < first, "{said}");
+    assert!(told.is_some() && told < first, "{said}");
     assert_eq!(std::fs::read(at("out/flow/GCN/1/earlier-2/model.safetensors")).unwrap(), model);
 }
 
 /// A seed that cannot be trained is told first, and the others are trained; tables say so.
 #[test]
 fn what_fails_is_in_the_tables() {
-    let folder = sample::folder();
+    let folder = folder("", &STUDY.replace("segments = [2]\n", ""));
     let at = |name: &str| folder.path().join(name);
-    std::fs::write(at("config.toml"), sample::config("")).unwrap();
-    std::fs::write(at("study.toml"), STUDY.replace("segments = [2]\n", "")).unwrap();
     std::fs::create_dir_all(at("out/flow/GCN")).unwrap();
     std::fs::write(at("out/flow/GCN/2"), "in the way").unwrap();
     let done = study(folder.path());
@@ -130,9 +131,8 @@ fn what_fails_is_in_the_tables() {
 /// Nothing is trained where something of the study cannot be.
 #[test]
 fn all_is_checked_before_the_first_training() {
-    let folder = sample::folder();
+    let folder = folder("", STUDY);
     let at = |name: &str| folder.path().join(name);
-    std::fs::write(at("config.toml"), sample::config("")).unwrap();
     for (from, to, expected) in [
         ("\"gcn\"", "\"gnc\"", "network \"GCN\" on \"flow\": not a valid training configuration"),
         ("data = \"data\" }", "data = \"dtaa\" }", "dtaa: cannot be read"),
@@ -152,20 +152,17 @@ fn all_is_checked_before_the_first_training() {
         ("steps = 4", "steps = 4\nbackend = \"troch\"", "backend = \"troch\": expected native or torch"),
     ] {
         std::fs::write(at("study.toml"), STUDY.replacen(from, to, 1)).unwrap();
-        let refused = study(folder.path());
-        let error = String::from_utf8_lossy(&refused.stderr);
-        assert!(refused.status.code() == Some(1) && error.contains(expected), "{to}: {error}");
-        assert!(refused.stdout.is_empty() && !at("out/flow").exists(), "{to}: {refused:?}");
+        let ended = study(folder.path());
+        refused(&ended, expected);
+        assert!(ended.stdout.is_empty() && !at("out/flow").exists(), "{to}: {ended:?}");
     }
 }
 
 /// Two in a folder that another program has wait; then one makes all, and the other one finds it done.
 #[test]
 fn two_studies_take_turns() {
-    let folder = sample::folder();
+    let folder = folder("", &STUDY.replace("seeds = [1, 2]", "seeds = [1]"));
     let at = |name: &str| folder.path().join(name);
-    std::fs::write(at("config.toml"), sample::config("")).unwrap();
-    std::fs::write(at("study.toml"), STUDY.replace("seeds = [1, 2]", "seeds = [1]")).unwrap();
     let lock = m4gn_base::lock::folder(&at("out")).unwrap();
     let mut studies = [(); 2].map(|()| command(folder.path()).stdout(Stdio::piped()).spawn().unwrap());
     let mut said = studies.each_mut().map(|study| BufReader::new(study.stdout.take().unwrap()));
@@ -188,11 +185,9 @@ fn two_studies_take_turns() {
 /// Ctrl-C: the training saves its checkpoint, and goes on from there.
 #[test]
 fn a_study_that_is_stopped_goes_on() {
-    let folder = sample::folder();
-    let at = |name: &str| folder.path().join(name);
-    std::fs::write(at("config.toml"), sample::config("checkpoint_interval = 1000000")).unwrap();
     let long = STUDY.replace("steps = 4", "steps = 100000").replace("seeds = [1, 2]", "seeds = [1]");
-    std::fs::write(at("study.toml"), &long).unwrap();
+    let folder = folder("checkpoint_interval = 1000000", &long);
+    let at = |name: &str| folder.path().join(name);
     let mut child = command(folder.path()).spawn().unwrap();
     let log = at("out/flow/M4GN/1/model.csv");
     let start = std::time::Instant::now();

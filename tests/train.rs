@@ -1,6 +1,6 @@
 //! `m4gn train` from outside: its files, its refusals, and how the process ends.
 
-use crate::program::{self, failure, figures, refused, success};
+use crate::program::{failure, figures, names, refused, run_in, success};
 use m4gn_data::Split;
 use m4gn_engine::torch::LIBRARY;
 use m4gn_mesh::NodeType;
@@ -19,36 +19,26 @@ fn folder() -> tempfile::TempDir {
 }
 
 fn train(folder: &Path, name: &str, extra: &[&str]) -> Output {
-    program::m4gn()
-        .current_dir(folder)
-        .args(["train", "--data", "data", "--config", "config.toml"])
-        .args(["--out", name])
-        .args(extra)
-        .output()
-        .unwrap()
+    run_in(folder, &[&["train", "--data", "data", "--config", "config.toml", "--out", name], extra].concat())
 }
 
 /// What a training says that ends well.
 fn trained(folder: &Path, name: &str, extra: &[&str]) -> String {
     let output = train(folder, name, extra);
-    assert!(output.status.success(), "{output:?}");
+    success(&output);
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 /// What a command prints.
 fn m4gn(folder: &Path, arguments: &[&str]) -> String {
-    success(&program::m4gn().current_dir(folder).args(arguments).output().unwrap())
+    success(&run_in(folder, arguments))
 }
 
 #[test]
 fn a_training_takes_a_suggested_configuration() {
     let folder = sample::folder();
     let in_minutes = |minutes: &str, data: &str, out: &str| {
-        program::m4gn()
-            .current_dir(folder.path())
-            .args(["suggest", data, "--minutes", minutes, "--out", out])
-            .output()
-            .unwrap()
+        run_in(folder.path(), &["suggest", data, "--minutes", minutes, "--out", out])
     };
     let suggest = |data: &str, out: &str| in_minutes("0.05", data, out);
     let said = success(&suggest("data", "config.toml"));
@@ -103,11 +93,10 @@ fn a_model_is_trained_carried_on_and_trained_further() {
     ] {
         assert!(said.contains(words), "{words}: {said}");
     }
-    let streamed = train(folder.path(), "s.safetensors", &["--steps", "4", "--memory", "5e-5"]);
-    let said = String::from_utf8_lossy(&streamed.stderr);
+    let said = trained(folder.path(), "s.safetensors", &["--steps", "4", "--memory", "5e-5"]);
     let expected =
         "frames: 0.0734 MB in all, 0.0490 MB of 2 trajectories in memory; 1 are read frame by frame";
-    assert!(streamed.status.success() && said.contains(expected), "{said}");
+    assert!(said.contains(expected), "{said}");
     for file in ["a.safetensors", "a.checkpoint", "a.csv"] {
         assert!(folder.path().join(file).is_file(), "{file}");
     }
@@ -220,8 +209,7 @@ fn a_training_and_a_validation_measure_alike() {
         );
         std::fs::write(at("config.toml"), config).unwrap();
         let out = format!("{output}.safetensors");
-        let trained = train(folder.path(), &out, &["--steps", "8", "--json", "f.json"]);
-        assert!(trained.status.success(), "{trained:?}");
+        trained(folder.path(), &out, &["--steps", "8", "--json", "f.json"]);
         m4gn(
             folder.path(),
             &["validate", "--model", &out, "--data", "data", "--split", "valid", "--json", "v.json"],
@@ -260,11 +248,8 @@ fn a_training_has_its_files_for_itself() {
     refused(&train(folder.path(), "a.safetensors", &["--steps", "4"]), &expected);
     assert!(!folder.path().join("a.csv").exists() && !folder.path().join("a.safetensors").exists());
     drop(held);
-    assert!(train(folder.path(), "a.safetensors", &["--steps", "4"]).status.success());
-    let left = std::fs::read_dir(folder.path())
-        .unwrap()
-        .map(|e| e.unwrap().file_name().to_string_lossy().into_owned());
-    assert!(left.collect::<Vec<_>>().iter().all(|name| !name.contains("lock")));
+    trained(folder.path(), "a.safetensors", &["--steps", "4"]);
+    assert!(names(folder.path()).iter().all(|name| !name.contains("lock")));
     // A model whose checkpoint was deleted is kept, unless it is trained further in its own place
     std::fs::remove_file(folder.path().join("a.checkpoint")).unwrap();
     let kept = "a.safetensors: is there already: give another --out";
@@ -311,29 +296,23 @@ fn a_calibrated_model_says_how_its_errors_grow() {
     let folder = folder();
     trained(folder.path(), "a.safetensors", &["--steps", "4"]);
     let calibrate = |model: &str, extra: &[&str]| {
-        program::m4gn()
-            .current_dir(folder.path())
-            .args(["calibrate", "--data", "data", "--split", "all", "--starts", "2", "--model", model])
-            .args(extra)
-            .output()
-            .unwrap()
+        let all = ["calibrate", "--data", "data", "--split", "all", "--starts", "2", "--model", model];
+        run_in(folder.path(), &[&all, extra].concat())
     };
     refused(&calibrate("a.safetensors", &["--check"]), "no calibration to check");
     let replaced = "it would replace what is read (a.safetensors)";
     refused(&calibrate("a.safetensors", &["--json", "a.safetensors"]), replaced);
     for (coverage, least) in [("0.99", 99), ("0.9", 9), ("0.8", 4)] {
-        let most = calibrate("a.safetensors", &["--strides", "1", "--coverage", coverage]);
-        let said = String::from_utf8_lossy(&most.stdout);
+        let said = success(&calibrate("a.safetensors", &["--strides", "1", "--coverage", coverage]));
         let expected = format!(
             "3 trajectories cannot tell of more than 0.750; a coverage of {coverage} takes at least {least}\n"
         );
-        assert!(most.status.success() && said.contains(&expected), "{most:?}");
+        assert!(said.contains(&expected), "{said}");
     }
     refused(&calibrate("a.safetensors", &["--strides", "1000"]), "ask for fewer");
 
     let options = ["--strides", "2", "--coverage", "0.5", "--out", "b.safetensors", "--json", "b.json"];
-    let done = calibrate("a.safetensors", &options);
-    assert!(done.status.success(), "{done:?}");
+    success(&calibrate("a.safetensors", &options));
     let [a, b] =
         ["a", "b"].map(|name| Model::read(folder.path().join(format!("{name}.safetensors"))).unwrap());
     assert_eq!(a.tensors, b.tensors);
@@ -346,9 +325,7 @@ fn a_calibrated_model_says_how_its_errors_grow() {
     let figures = figures(folder.path().join("b.json"));
     // Of 6 rollouts, of weight 1/8 each, the fourth ratio: 4 of 6 are within, and more after two strides where factors would fall
     assert!(figures["covered"][0][0].as_f64().unwrap() > 0.66, "{figures}");
-    let checked = calibrate("b.safetensors", &["--check"]);
-    assert!(checked.status.success(), "{checked:?}");
-    let said = String::from_utf8_lossy(&checked.stdout);
+    let said = success(&calibrate("b.safetensors", &["--check"]));
     assert!(said.contains("checked on 6 of 3"), "{said}");
 }
 
@@ -434,11 +411,8 @@ fn libtorch_ends_with_its_own_status_on_ctrl_c_a_full_disk_and_bad_data() {
     let full = torch("full.safetensors", "ulimit -f 8;", "4").output().unwrap();
     let said = failure(&full);
     assert!(said.contains("full.") && said.contains("File too large"), "{said}");
-    let left: Vec<_> = std::fs::read_dir(path)
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-        .filter(|name| name.contains("full.") && !name.ends_with(".csv"))
-        .collect();
+    let mut left = names(path);
+    left.retain(|name| name.contains("full.") && !name.ends_with(".csv"));
     assert!(left.is_empty(), "{left:?}");
 
     let damaged = path.join("data/000.h5");
