@@ -4,7 +4,7 @@ use super::{claim_outputs, stop_flag, write_json};
 use m4gn_base::{Error, Result, listed};
 use m4gn_report::number;
 use m4gn_workbench::check::{self, Case, Checked, Finding, Plan};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Say whether a case fits: what would be handed over, what is refused and why
 ///
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Folder of an OpenFOAM case, or a family of cases: its name, or a folder with family.toml
-    #[arg(value_name = "CASE|FAMILY", value_parser = case)]
+    #[arg(value_name = "CASE|FAMILY", value_parser = |text: &str| Case::find(text.as_ref()))]
     case: Case,
     /// Check this model as well (*.safetensors)
     #[arg(long, value_name = "FILE", value_parser = file, conflicts_with = "config")]
@@ -29,10 +29,6 @@ pub struct Args {
     /// Write what was found to this file
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-}
-
-fn case(text: &str) -> std::result::Result<Case, String> {
-    Case::find(Path::new(text)).map_err(|e| e.to_string())
 }
 
 fn file(text: &str) -> std::result::Result<PathBuf, String> {

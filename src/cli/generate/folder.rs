@@ -35,12 +35,8 @@ struct Args {
 #[derive(Debug, clap::Args)]
 pub(crate) struct SetArgs {
     /// Sets a parameter of the family, or draws it between two values; may be given several times
-    #[arg(long, value_name = "NAME=VALUE|LOW:HIGH", value_parser = setting)]
+    #[arg(long, value_name = "NAME=VALUE|LOW:HIGH", value_parser = parse_setting)]
     pub(crate) set: Vec<(String, Setting)>,
-}
-
-fn setting(text: &str) -> std::result::Result<(String, Setting), String> {
-    parse_setting(text).map_err(|e| e.to_string())
 }
 
 /// Runs the command: the family, then its options. Bad usage ends the program with status 2.
