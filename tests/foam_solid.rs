@@ -3,6 +3,7 @@
 //! Needs OpenFOAM and `libm4gn_foam_bridge.so` beside the executable (setup/build.sh).
 
 use crate::common::{alone, cube, field, near, note, put};
+use m4gn_samples::fails;
 use m4gn_workbench::foam_case::{FoamCase, Reaction, Unknown};
 use std::{fs, path::Path};
 use tempfile::TempDir;
@@ -54,8 +55,7 @@ fn reaction_of_a_uniform_stress() {
     assert!(near(force(&mut case, "inlet"), [-7.0, -2.0, -3.0]));
     // Opposite faces are in equilibrium
     assert!(near(force(&mut case, "body"), [0.0; 3]));
-    let error = case.reaction("wing", 0).unwrap_err().to_string();
-    assert!(error.contains("wing") && error.contains("outlet"), "{error}");
+    fails(case.reaction("wing", 0), &["wing", "outlet"]);
 
     // A model of solids4foam for small strains does not look at D
     let linear = "solidModel linearGeometryTotalDisplacement;";
@@ -100,8 +100,7 @@ fn reaction_on_deformed_areas() {
     assert!(near(found, [7.0, 2.0, 3.0]), "{found:?}");
 
     solid_field(dir.path(), "1", "F", "tensor", &|_| "(-1 0 0 0 1 0 0 0 1)".into());
-    let error = open(dir.path()).unwrap().reaction("outlet", 0).unwrap_err().to_string();
-    assert!(error.contains("inside out") && error.contains("outlet"), "{error}");
+    fails(open(dir.path()).unwrap().reaction("outlet", 0), &["inside out", "outlet"]);
 }
 
 #[test]

@@ -366,6 +366,7 @@ fn processor_seconds() -> Result<f64> {
 mod tests {
     use super::*;
     use crate::fixtures;
+    use m4gn_samples::fails;
 
     #[test]
     fn a_state_that_is_cut_off_is_none() {
@@ -374,7 +375,7 @@ mod tests {
         whole(dir.path()).unwrap();
         for cut in [0, 640] {
             fixtures::write(dir.path(), &[("p", &text[..cut])]);
-            assert!(whole(dir.path()).unwrap_err().to_string().contains("p: is cut off: expected the line"));
+            fails(whole(dir.path()), &["p: is cut off: expected the line"]);
         }
     }
 
@@ -390,11 +391,9 @@ mod tests {
             !dir.path().join("processor0").exists() && dir.path().join("constant/polyMesh/faces").exists()
         );
         fixtures::write(dir.path(), &[("processor0/constant/polyMesh/faces.gz", "")]);
-        let message = clear_ranks(dir.path()).unwrap_err().to_string();
-        assert!(
-            message
-                .contains("processor0/constant/polyMesh: is a mesh that prepare has made on several ranks"),
-            "{message}"
+        fails(
+            clear_ranks(dir.path()),
+            &["processor0/constant/polyMesh: is a mesh that prepare has made on several ranks"],
         );
     }
 
@@ -408,11 +407,7 @@ mod tests {
         };
         assert_eq!(script("echo End > log.blockMesh\n"), (Ok(()), 1));
         let fatal = "echo '--> FOAM FATAL ERROR: ' > log.snappyHexMesh\necho 'no patch' >> log.snappyHexMesh\necho End > log.checkMesh\n";
-        let why = script(fatal).0.unwrap_err();
-        assert!(
-            why.contains("log.snappyHexMesh: a program of prepare failed: no patch; where runs"),
-            "{why}"
-        );
+        fails(script(fatal).0, &["log.snappyHexMesh: a program of prepare failed: no patch; where runs"]);
         let tolerated = format!("{fatal}rm log.snappyHexMesh\n");
         assert_eq!(script(&tolerated), (Ok(()), 1));
     }

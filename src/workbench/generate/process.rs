@@ -220,8 +220,7 @@ mod tests {
         assert!(matches!(run(surroundings(&STOP, 600_000), "sleep 60"), Err(Error::Interrupted(_))));
         // A signal to the whole job ends the tool before it is heard of here
         assert!(matches!(run(surroundings(&STOP, 600_000), "kill -15 $$"), Err(Error::Interrupted(_))));
-        let missing = surroundings(&GO, 9).run(dir.path(), &["no-such-program"]).unwrap_err().to_string();
-        assert!(missing.contains("cannot be started"), "{missing}");
+        fails(surroundings(&GO, 9).run(dir.path(), &["no-such-program"]), &["cannot be started"]);
     }
 
     /// What it does when it is asked is done when the error comes.

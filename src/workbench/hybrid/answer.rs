@@ -82,6 +82,7 @@ pub(super) fn score(full: &Path, case: &Path, solver: &str) -> Result<Score> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use m4gn_samples::fails;
 
     fn case(folder: &Path, name: &str, json: &str) -> std::path::PathBuf {
         let case = folder.join(name);
@@ -104,8 +105,7 @@ mod tests {
         assert_eq!((found.ended, found.outside), (Some(5.0), Some(0.5)));
         assert!((found.answer.unwrap() - 0.1).abs() < 1e-12, "{found:?}");
         let none = case(dir.path(), "none", r#"{"time": 5}"#);
-        assert!(score(&full, &none, "icoFoam").unwrap_err().to_string().contains("has no figure Cd"));
-        let error = score(&full, &dir.path().join("nowhere"), "icoFoam").unwrap_err().to_string();
-        assert!(error.contains("expected figures of m4gnAverages"), "{error}");
+        fails(score(&full, &none, "icoFoam"), &["has no figure Cd"]);
+        fails(score(&full, &dir.path().join("nowhere"), "icoFoam"), &["expected figures of m4gnAverages"]);
     }
 }
