@@ -4,7 +4,8 @@
 //! the fields, and the last of the decoder, whose outputs are their changes.
 
 use super::activations::{Activated, Activations, Place};
-use super::kernels::{Addend, Buffer, Function, Isa, Normed, Number, Output, add_means, narrow, padded};
+use super::kernels::{Addend, Buffer, Function, Isa, Normed, Number, Output, narrow, padded};
+use super::members::Members;
 use super::mlp::{Mlp, MlpRows};
 use super::perceptron::Perceptron;
 use super::tiles::{Scratch, blocks, numbers};
@@ -151,14 +152,6 @@ pub struct DecoderTape<T> {
     pub last: Activated<f32>,
 }
 
-/// What h_S contributes to the decoder's first layer, a row a segment, and the segments of the node at each place.
-#[derive(Clone, Copy)]
-pub struct Table<'a> {
-    pub rows: &'a [f32],
-    pub member_row: &'a [u32],
-    pub member: &'a [i32],
-}
-
 impl<T: Number> DecoderTape<T> {
     pub fn new(decoder: &Decoder<T>) -> Self {
         DecoderTape {
@@ -203,11 +196,11 @@ impl<T: Number> Decoder<T> {
     }
 
     /// From latents of all nodes to rows of outputs of `cells`, places and numbers, in `scratch.raw`; they are rows `rows` of all cells,
-    /// where a tape is kept. Returns how far apart they stand.
+    /// where a tape is kept. `table` is what h_S contributes to the first layer, a row a segment. Returns how far apart they stand.
     pub fn run(
         &self,
         nodes: &[f32],
-        table: Option<Table>,
+        table: Option<(&[f32], &Members)>,
         cells: &[(u32, u32)],
         scratch: &mut Scratch<T>,
         tape: Option<(&mut DecoderTape<T>, Range<usize>)>,
@@ -230,8 +223,8 @@ impl<T: Number> Decoder<T> {
             let place = place as usize;
             narrow(isa, &nodes[place * columns..(place + 1) * columns], to);
             sum.copy_from_slice(&self.first_bias.data);
-            if let Some(Table { rows, member_row, member }) = table {
-                add_means(isa, sum, columns, rows, &member_row[place..=place + 1], member);
+            if let Some((rows, members)) = table {
+                members.add_means(isa, sum, columns, rows, place..place + 1);
             }
         }
         let (mut weight, mut addend) = (&self.first, Addend::Rows(sums));

@@ -18,6 +18,7 @@ mod encoder_decoder;
 mod grid;
 mod kernels;
 mod layout;
+mod members;
 mod mlp;
 mod network;
 mod options;

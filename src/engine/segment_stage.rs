@@ -4,38 +4,110 @@
 //! precision.
 
 use super::encoder_decoder::Encoder;
-use super::kernels::{Addend, Buffer, Function, Normed, Output, padded};
+use super::kernels::{Addend, Buffer, Function, Isa, Normed, Number, Output, padded};
+use super::members::Members;
 use super::perceptron::Perceptron;
 use super::pool::{Parts, Pool};
 use super::recurrence::{ReadStates, Recurrence, Together, together};
 use super::tiles::{block, blocks};
 use super::transformer::{self, TransformerLayer};
 use super::weights::{Dense, Vector, Weights};
-use m4gn_base::{Error, Result};
-use m4gn_model::{Model, ModelSpec};
+use m4gn_base::Result;
+use m4gn_model::{Architecture, MacroSpec, ModelSpec};
 use m4gn_parallel::{Comm, Halo};
 use m4gn_structure::{Segmentation, Structure};
 
-/// Weights, members and buffers of the macro stage.
-pub struct SegmentStage {
-    count: usize,
-    columns: usize,
-    /// Segments of the node at each place, as in [`Segmentation`].
-    pub member_row: Vec<u32>,
-    /// As in [`Segmentation`].
-    pub member: Vec<i32>,
-    /// Members of segment s on this rank: `place[place_row[s]..place_row[s + 1]]`, ascending.
-    place_row: Vec<u32>,
-    place: Vec<u32>,
-    inverse_sizes: Vec<f64>,
+/// Weights of the macro stage.
+pub struct Stage {
+    isa: Isa,
+    d: usize,
+    /// The width, padded.
+    pub columns: usize,
+    pub of: MacroSpec,
     /// In place of the mean over a segment's nodes.
-    recurrence: Option<Reader>,
+    pub recurrence: Option<Recurrence>,
+    pub encoder: Encoder<f32>,
+    /// f_sp of the positional encoding.
+    pub position: Option<Perceptron>,
+    pub layers: Vec<TransformerLayer>,
+}
 
-    encoder: Encoder<f32>,
-    /// f_sp of the positional encoding, the same in every step.
+impl Stage {
+    /// Those of a model; none where it has no macro stage.
+    pub fn new(weights: &mut Weights, spec: &ModelSpec) -> Result<Option<Self>> {
+        let a = &spec.architecture;
+        let Some(of) = a.segment_transformer() else { return Ok(None) };
+        Ok(Some(Stage {
+            isa: weights.isa,
+            d: a.width,
+            columns: padded(a.width),
+            of: of.clone(),
+            recurrence: match a.needs().sequences {
+                true => Some(Recurrence::new(weights, a.width)?),
+                false => None,
+            },
+            encoder: Encoder::new(weights, "segment.encoder", a.width, a)?,
+            position: match spec.n_position_features() {
+                0 => None,
+                n => Some(Perceptron::new(weights, "segment.position", n, a)?),
+            },
+            layers: (0..of.layers)
+                .map(|l| TransformerLayer::new(weights, a, of, l))
+                .collect::<Result<_>>()?,
+        }))
+    }
+
+    /// Heads of k segments.
+    pub fn heads(&self, k: usize) -> transformer::Heads {
+        transformer::Heads::new(self.isa, k, self.d, self.of.heads)
+    }
+
+    /// A thread's buffers, for k segments.
+    pub fn scratch(&self, k: usize) -> transformer::Scratch {
+        transformer::Scratch::new(k, self.d, &self.of)
+    }
+}
+
+/// h += dispatch([h, h_S]), where the model carries on after the macro stage.
+pub struct Dispatch<T> {
+    /// Of h.
+    pub own: Dense<T>,
+    /// Of h_S.
+    pub segment: Dense<f32>,
+    /// Of both.
+    pub bias: Vector,
+}
+
+impl<T: Number> Dispatch<T> {
+    /// That of a model; none where no layers follow the macro stage.
+    pub fn new(weights: &mut Weights, a: &Architecture) -> Result<Option<Self>> {
+        let name = "segment.dispatch";
+        Ok(match a.m4gn().is_some_and(|m| m.layers_after > 0) {
+            true => Some(Dispatch {
+                own: Dense::part(weights, name, 0, a.width)?,
+                segment: Dense::part(weights, name, a.width, a.width)?,
+                bias: Vector::new(weights, &format!("{name}.bias"))?,
+            }),
+            false => None,
+        })
+    }
+
+    /// The part of k segments, W_S h_S + b, a row each.
+    pub fn table(&self, latents: &[f32], k: usize, out: &mut Buffer<f32>) {
+        out.fit(k * self.segment.columns());
+        let x = (latents, self.segment.columns());
+        self.segment.run(x, k, Addend::Bias(&self.bias.data), Function::Identity, Output::Wide(out));
+    }
+}
+
+/// The macro stage of a model on a graph.
+pub struct SegmentStage {
+    weights: Stage,
+    pub members: Members,
+    /// Where the model has a recurrence.
+    reader: Option<Reader>,
+    /// The positional encoding behind f_sp, the same in every step.
     position: Option<Vec<f32>>,
-    layers: Vec<TransformerLayer>,
-    dispatch: Option<Dispatch>,
 
     sums: Buffer<f64>,
     means: Buffer<f32>,
@@ -47,9 +119,8 @@ pub struct SegmentStage {
     scratch: Vec<transformer::Scratch>,
 }
 
-/// A recurrent unit, and the nodes that this rank reads with it.
+/// The nodes that this rank reads with a recurrent unit.
 struct Reader {
-    unit: Recurrence,
     parts: Vec<(Together, ReadStates)>,
     halo: Halo,
     /// Latents of the owned nodes, and of those that the halo brings.
@@ -60,15 +131,17 @@ impl Reader {
     /// The last states in place of the sums of means; rows of segments that other ranks read are zero.
     fn run(
         &mut self,
+        unit: &Recurrence,
         comm: &Comm,
         pool: &Pool,
         scratch: &mut [transformer::Scratch],
         nodes: &[f32],
-        (sums, columns): (&mut [f64], usize),
+        sums: &mut [f64],
     ) {
+        let columns = unit.columns;
         self.nodes[..nodes.len()].copy_from_slice(nodes);
         self.halo.exchange_f32(comm, &mut self.nodes, columns);
-        let (unit, nodes, n) = (&self.unit, &self.nodes, self.parts.len());
+        let (nodes, n) = (&self.nodes, self.parts.len());
         let parts = Parts::new(&mut self.parts);
         let read = |_: &mut transformer::Scratch, i: usize| {
             // SAFETY: task i has part i.
@@ -86,110 +159,59 @@ impl Reader {
     }
 }
 
-/// h += dispatch([h, h_S]), where the model carries on after the macro stage.
-struct Dispatch {
-    segment: Dense<f32>,
-    bias: Vector,
-    table: Buffer<f32>,
-}
-
 impl SegmentStage {
     /// The macro stage of a model for the segments of a structure; `node` is the graph's node at each place of the engine's order.
     pub fn new(
-        weights: &mut Weights,
-        model: &Model,
+        weights: Stage,
+        spec: &ModelSpec,
         structure: &Structure,
         segments: &Segmentation,
         node: &[u32],
         n_threads: usize,
     ) -> Result<Self> {
-        let Some(m4gn) = model.spec.architecture.m4gn() else {
-            return Err(Error::Model("the model has no macro stage".into()));
-        };
-        let spec = &m4gn.segment_transformer;
-        check(segments, node.len(), &model.spec)?;
-        let a = &model.spec.architecture;
-        let (isa, k, d) = (weights.isa, segments.count, a.width);
-        let columns = padded(d);
-        let layers = 0..spec.layers;
-        let layers: Vec<_> =
-            layers.map(|l| TransformerLayer::new(weights, a, spec, l)).collect::<Result<_>>()?;
-        let dispatch = match m4gn.layers_after {
-            0 => None,
-            _ => Some(Dispatch {
-                segment: Dense::part(weights, "segment.dispatch", d, d)?,
-                bias: Vector::new(weights, "segment.dispatch.bias")?,
-                table: Buffer::new(k * columns),
-            }),
-        };
-        let (member_row, member) = reordered((&segments.member_row, &segments.member), node);
-        let (place_row, place) = inverted(k, &member_row, &member);
-        let recurrence = match structure.sequence_for(model.spec.architecture.needs())? {
-            None => None,
-            Some(sequence) => {
-                let mut places = vec![0; node.len()];
-                (0..).zip(node).for_each(|(p, &i)| places[i as usize] = p);
-                let parts = together(sequence, &places).into_iter().map(|t| (t, ReadStates::default()));
-                Some(Reader {
-                    unit: Recurrence::new(weights, d)?,
-                    parts: parts.collect(),
-                    halo: sequence.halo.renumbered(&places),
-                    nodes: Buffer::new((node.len() + sequence.halo.n_ghosts()) * columns),
-                })
+        let (k, columns) = (segments.count, weights.columns);
+        let members = Members::new(segments, spec, node)?;
+        let reader = structure.sequence_for(spec.architecture.needs())?.map(|sequence| {
+            let mut places = vec![0; node.len()];
+            (0..).zip(node).for_each(|(p, &i)| places[i as usize] = p);
+            let parts = together(sequence, &places).into_iter().map(|t| (t, ReadStates::default()));
+            Reader {
+                parts: parts.collect(),
+                halo: sequence.halo.renumbered(&places),
+                nodes: Buffer::new((node.len() + sequence.halo.n_ghosts()) * columns),
             }
-        };
-        // A last state is no sum.
-        let share = |s: &f64| if recurrence.is_some() { 1.0 } else { 1.0 / s.max(1.0) };
+        });
+        let position = weights.position.as_ref().map(|position| {
+            let mut encoded = vec![0.0; k * columns];
+            position.run(&segments.position, &mut encoded);
+            encoded
+        });
         Ok(SegmentStage {
-            count: k,
-            columns,
-            member_row,
-            member,
-            place_row,
-            place,
-            inverse_sizes: segments.sizes.iter().map(share).collect(),
-            recurrence,
-            encoder: Encoder::new(weights, "segment.encoder", d, a)?,
-            position: match model.spec.n_position_features() {
-                0 => None,
-                n => {
-                    let mut encoded = vec![0.0; k * columns];
-                    let position = Perceptron::new(weights, "segment.position", n, a)?;
-                    position.run(&segments.position, &mut encoded);
-                    Some(encoded)
-                }
-            },
-            layers,
-            dispatch,
+            members,
+            reader,
+            position,
             sums: Buffer::new(k * columns),
             means: Buffer::new(k * columns),
             latents: Buffer::new(k * columns),
             projections: [0; 3].map(|_| Buffer::new(k * columns)),
-            heads: transformer::Heads::new(isa, k, d, spec.heads),
-            scratch: (0..n_threads).map(|_| transformer::Scratch::new(k, d, spec)).collect(),
+            heads: weights.heads(k),
+            scratch: (0..n_threads).map(|_| weights.scratch(k)).collect(),
+            weights,
         })
     }
 
     /// Moves the members to another order of the nodes: `before` is each node's place until now, `node` the node at
     /// each place from now on.
     pub fn reorder(&mut self, before: &[u32], node: &[u32]) {
-        let view = (&self.member_row[..], &self.member[..]);
         let places: Vec<u32> = node.iter().map(|&i| before[i as usize]).collect();
-        let (row, member) = reordered(view, &places);
-        (self.place_row, self.place) = inverted(self.count, &row, &member);
-        (self.member_row, self.member) = (row, member);
-        let Some(recurrence) = &mut self.recurrence else { return };
+        self.members = self.members.reordered(&places);
+        let Some(reader) = &mut self.reader else { return };
         let mut now = vec![0; node.len()];
         (0..).zip(&places).for_each(|(p, &before)| now[before as usize] = p);
-        recurrence.halo = recurrence.halo.renumbered(&now);
-        for node in recurrence.parts.iter_mut().flat_map(|(part, _)| &mut part.node) {
+        reader.halo = reader.halo.renumbered(&now);
+        for node in reader.parts.iter_mut().flat_map(|(part, _)| &mut part.node) {
             *node = now.get(*node as usize).map_or(*node, |&p| p as i32);
         }
-    }
-
-    /// K.
-    pub fn count(&self) -> usize {
-        self.count
     }
 
     /// h_S, rows of the padded width.
@@ -199,30 +221,33 @@ impl SegmentStage {
 
     /// From node latents, in the engine's order, to h_S. Collective.
     pub fn run(&mut self, comm: &Comm, pool: &Pool, nodes: &[f32]) {
-        let (k, columns) = (self.count, self.columns);
-        let (row, place) = (&self.place_row, &self.place);
+        let Stage { columns, recurrence, encoder, .. } = &self.weights;
+        let (k, columns, members) = (self.members.count, *columns, &self.members);
         let sums = Parts::new(&mut self.sums);
         let add = |_: &mut transformer::Scratch, s: usize| {
             // SAFETY: task s has row s.
             let sum = unsafe { sums.rows(&(s..s + 1), columns) };
             sum.fill(0.0);
-            for &p in &place[row[s] as usize..row[s + 1] as usize] {
+            for &p in members.places(s) {
                 let h = &nodes[p as usize * columns..(p as usize + 1) * columns];
                 sum.iter_mut().zip(h).for_each(|(sum, h)| *sum += f64::from(*h));
             }
         };
-        match &mut self.recurrence {
-            None => pool.run(&mut self.scratch, k, add, || ()),
-            Some(unit) => unit.run(comm, pool, &mut self.scratch, nodes, (&mut self.sums, columns)),
+        match (&mut self.reader, recurrence) {
+            (Some(reader), Some(unit)) => {
+                reader.run(unit, comm, pool, &mut self.scratch, nodes, &mut self.sums);
+            }
+            _ => pool.run(&mut self.scratch, k, add, || ()),
         }
         comm.sum_f64(&mut self.sums);
-        let rows = self.means.chunks_exact_mut(columns);
-        for ((mean, sum), inverse) in rows.zip(self.sums.chunks_exact(columns)).zip(&self.inverse_sizes) {
-            mean.iter_mut().zip(sum).for_each(|(m, s)| *m = (s * inverse) as f32);
+        let rows = self.means.chunks_exact_mut(columns).zip(self.sums.chunks_exact(columns));
+        for ((mean, sum), inverse) in rows.zip(&members.inverse_sizes) {
+            // A last state is no sum.
+            let share = if recurrence.is_some() { 1.0 } else { *inverse };
+            mean.iter_mut().zip(sum).for_each(|(m, s)| *m = (s * share) as f32);
         }
 
         let (means, position) = (&self.means, self.position.as_deref());
-        let encoder = &self.encoder;
         let latents = Parts::new(&mut self.latents);
         let encode = |scratch: &mut transformer::Scratch, i: usize| {
             let rows = block::<f32>(i, k);
@@ -238,77 +263,9 @@ impl SegmentStage {
             }
         };
         pool.run(&mut self.scratch, blocks::<f32>(k).len(), encode, || ());
-        for layer in &self.layers {
+        for layer in &self.weights.layers {
             let (projections, heads) = (&mut self.projections, &mut self.heads);
             layer.run(pool, &mut self.scratch, projections, heads, &mut self.latents);
         }
-        if let Some(dispatch) = &mut self.dispatch {
-            let (x, table) = ((&self.latents[..], columns), Output::Wide(&mut dispatch.table));
-            let bias = Addend::Bias(&dispatch.bias.data);
-            dispatch.segment.run(x, k, bias, Function::Identity, table);
-        }
     }
-
-    /// The segments' part of the dispatch, W_S h_S + b, a row a segment; none when the model ends with the macro
-    /// stage.
-    pub fn dispatched(&self) -> Option<&[f32]> {
-        self.dispatch.as_ref().map(|d| &d.table[..])
-    }
-}
-
-/// Memberships, rows and members, with nodes in another order.
-pub(super) fn reordered((rows, members): (&[u32], &[i32]), node: &[u32]) -> (Vec<u32>, Vec<i32>) {
-    let mut row = Vec::with_capacity(node.len() + 1);
-    let mut member = Vec::with_capacity(members.len());
-    row.push(0);
-    for &i in node {
-        let own = rows[i as usize] as usize..rows[i as usize + 1] as usize;
-        member.extend_from_slice(&members[own]);
-        row.push(member.len() as u32);
-    }
-    (row, member)
-}
-
-/// For each of k segments the places that are members.
-pub(super) fn inverted(k: usize, member_row: &[u32], member: &[i32]) -> (Vec<u32>, Vec<u32>) {
-    let mut row = vec![0u32; k + 1];
-    member.iter().for_each(|&s| row[s as usize + 1] += 1);
-    (0..k).for_each(|s| row[s + 1] += row[s]);
-    let mut next = row.clone();
-    let mut place = vec![0; member.len()];
-    for (p, bounds) in member_row.windows(2).enumerate() {
-        for &s in &member[bounds[0] as usize..bounds[1] as usize] {
-            place[next[s as usize] as usize] = p as u32;
-            next[s as usize] += 1;
-        }
-    }
-    (row, place)
-}
-
-pub(super) fn check(segments: &Segmentation, n_owned: usize, spec: &ModelSpec) -> Result<()> {
-    let k = segments.count;
-    let encodings = k * spec.n_position_features();
-    let offsets = n_owned * spec.n_offset_features();
-    let rows_fit = segments.member_row.len() == n_owned + 1
-        && segments.member_row[0] == 0
-        && segments.member_row.windows(2).all(|w| w[0] < w[1])
-        && segments.member_row[n_owned] as usize == segments.member.len();
-    let members_fit = segments.member.iter().all(|&s| usize::try_from(s).is_ok_and(|s| s < k));
-    if !rows_fit
-        || !members_fit
-        || segments.sizes.len() != k
-        || segments.position.len() != encodings
-        || segments.offsets.len() != offsets
-    {
-        return Err(Error::Input(format!(
-            "segments: expected one or more of {k} for each of {n_owned} nodes, {k} sizes, {encodings} encodings and {offsets} \
-             offsets; found {} nodes, {} sizes, {} encodings, {} offsets, segment numbers {} within range",
-            segments.member_row.len().saturating_sub(1),
-            segments.sizes.len(),
-            segments.position.len(),
-            segments.offsets.len(),
-            if members_fit { "all" } else { "not all" }
-        )));
-    }
-    Ok(())
 }

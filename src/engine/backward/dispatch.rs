@@ -5,35 +5,20 @@ use super::graph::TrainGraph;
 use super::messages::{Messages, MessagesTape};
 use super::mlp::Work;
 use super::network::Buffers;
-use crate::kernels::{Addend, Function, Number, Output, add_means, narrow};
-use crate::tiles::blocks;
-use crate::tiles::numbers;
-use crate::weights::{Dense, Gradients, Vector};
-
-/// h += dispatch([h, h_S]), where the model carries on after the macro stage.
-pub struct Dispatch<T> {
-    /// Of h.
-    pub own: Dense<T>,
-    /// Of h_S.
-    pub segment: Dense<f32>,
-    /// Of both.
-    pub bias: Vector,
-}
+use crate::kernels::{Addend, Function, Number, Output, narrow};
+use crate::tiles::{blocks, numbers};
+use crate::weights::{Dense, Gradients};
 
 impl<T: Number> Messages<T> {
     /// Segments, and the dispatch where layers follow.
     pub(super) fn macro_stage(&self, graph: &TrainGraph, tape: &mut MessagesTape<T>, work: &mut Buffers<T>) {
         let (isa, columns) = (self.isa, self.columns);
-        let (Some(stage), Some(members), Some(kept)) = (&self.stage, &graph.members, &mut tape.stage) else {
+        let (Some(stage), Some(of), Some(kept)) = (&self.stage, &graph.segments, &mut tape.stage) else {
             return;
         };
-        stage.forward(members, kept, &mut work.fp32, &work.latents);
+        stage.forward(of, kept, &mut work.fp32, &work.latents);
         let Some(dispatch) = &self.dispatch else { return };
-        work.table.fit(members.count * columns);
-        let out = Output::Wide(&mut work.table[..]);
-        let bias = Addend::Bias(&dispatch.bias.data);
-        let x = (&kept.latents[..], columns);
-        dispatch.segment.run(x, members.count, bias, Function::Identity, out);
+        dispatch.table(&kept.latents, of.members.count, &mut work.table);
         tape.dispatched.fit(graph.n_nodes() * columns);
         let zeros = work.shared.zeros();
         for rows in blocks::<T>(graph.n_nodes()) {
@@ -41,8 +26,7 @@ impl<T: Number> Messages<T> {
             let h = &mut work.latents[range.clone()];
             let x = &mut tape.dispatched[range];
             narrow(isa, h, x);
-            let row = &members.row[rows.start..=rows.end];
-            add_means(isa, h, columns, &work.table, row, &members.member);
+            of.members.add_means(isa, h, columns, &work.table, rows.clone());
             let (x, out) = ((&*x, columns), Output::Wide(h));
             dispatch.own.run(x, rows.len(), Addend::Output(zeros), Function::Identity, out);
         }
@@ -57,10 +41,10 @@ impl<T: Number> Messages<T> {
         gradients: &mut Gradients,
     ) {
         let (isa, columns) = (self.isa, self.columns);
-        let (Some(stage), Some(members), Some(kept)) = (&self.stage, &graph.members, &mut tape.stage) else {
+        let (Some(stage), Some(of), Some(kept)) = (&self.stage, &graph.segments, &mut tape.stage) else {
             return;
         };
-        let k = members.count;
+        let k = of.members.count;
         let Buffers { shared, fp32, d_nodes, d_table, d_segments, .. } = work;
         let d_nodes = &mut d_nodes[..graph.n_nodes() * columns];
         let (d_table, d_segments) = (&mut d_table[..k * columns], &mut d_segments[..k * columns]);
@@ -71,7 +55,7 @@ impl<T: Number> Messages<T> {
                 let (n, range) = (rows.len(), numbers(&rows, columns));
                 let d = &mut d_nodes[range.clone()];
                 for (place, d) in rows.clone().zip(d.chunks_exact(columns)) {
-                    members.spread_mean(place, d, d_table);
+                    of.members.spread_mean(place, d, d_table);
                     add(gradients.block(dispatch.bias.slot), d);
                 }
                 let dy = &mut work.narrow[..n * columns];
@@ -82,7 +66,7 @@ impl<T: Number> Messages<T> {
             }
             through_table(&dispatch.segment, &kept.latents, columns, d_table, d_segments, fp32, gradients);
         }
-        stage.backward(members, kept, fp32, d_segments, d_nodes, gradients);
+        stage.backward(of, kept, fp32, d_segments, d_nodes, gradients);
     }
 }
 

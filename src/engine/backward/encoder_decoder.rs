@@ -1,11 +1,12 @@
 //! The two ends of the network, with what is kept, and backward. What sees physical fields is in fp32 in either precision,
 //! as in the engine.
 
-use super::graph::{Members, TrainGraph};
+use super::graph::TrainGraph;
 use super::layer::Shared;
 use super::mlp::{Work, layers_backward};
-use crate::encoder_decoder::{Decoder, DecoderTape, Encoder, Table};
+use crate::encoder_decoder::{Decoder, DecoderTape, Encoder};
 use crate::kernels::{Buffer, Normed, Number, activation_backward, narrow};
+use crate::members::Members;
 use crate::mlp::MlpTape;
 use crate::tiles::{Scratch, blocks, numbers};
 use crate::weights::Gradients;
@@ -75,8 +76,8 @@ impl<T: Number> Decoder<T> {
         outputs: &mut [f32],
     ) {
         let (m, cells) = (self.n_outputs, &graph.cells);
-        let members = graph.members.as_ref().filter(|_| self.segment.is_some());
-        let table = members.map(|of| Table { rows: table, member_row: &of.row, member: &of.member });
+        let of = graph.segments.as_ref().filter(|_| self.segment.is_some());
+        let table = of.map(|of| (table, &of.members));
         for rows in blocks::<T>(cells.len()) {
             let own = &cells[rows.clone()];
             let stride = self.run(nodes, table, own, scratch, Some((tape, rows)));
@@ -124,9 +125,9 @@ impl<T: Number> Decoder<T> {
             let x = (&tape.latents[range], columns);
             self.first.learn((dz, columns), x, n, gradients, pairs);
             let cells = &graph.cells[rows];
-            if let Some(members) = graph.members.as_ref().filter(|_| self.segment.is_some()) {
+            if let Some(of) = graph.segments.as_ref().filter(|_| self.segment.is_some()) {
                 for (&(place, _), d) in cells.iter().zip(wide.chunks_exact(columns)) {
-                    members.spread_mean(place as usize, d, d_table);
+                    of.members.spread_mean(place as usize, d, d_table);
                 }
             }
             self.first.back((dz, columns), n, wide);
@@ -141,7 +142,7 @@ impl<T: Number> Decoder<T> {
 impl Members {
     /// The derivative of the mean over a place's segments.
     pub fn spread_mean(&self, place: usize, d: &[f32], table: &mut [f32]) {
-        let own = &self.member[self.row[place] as usize..self.row[place + 1] as usize];
+        let own = self.of(place);
         let share = 1.0 / own.len() as f32;
         for &s in own {
             let to = &mut table[s as usize * d.len()..(s as usize + 1) * d.len()];

@@ -2,29 +2,18 @@
 
 use crate::check as check_graph;
 use crate::kernels::Number;
+use crate::members::Members;
 use crate::order::Order;
 use crate::recurrence::{Together, together};
-use crate::segment_stage::{check, inverted, reordered};
 use crate::tiles::{self, Tile};
 use m4gn_base::{Error, Result};
 use m4gn_model::{Model, ModelSpec};
 use m4gn_structure::{Structure, Transfer};
 
-/// Segments of the nodes, by place in the engine's order.
+/// Segments of the nodes, and what a network reads of them.
 #[derive(Clone, Debug)]
-pub struct Members {
-    /// K.
-    pub count: usize,
-    /// Segments of place p: `member[row[p]..row[p + 1]]`.
-    pub row: Vec<u32>,
-    /// Segment numbers.
-    pub member: Vec<i32>,
-    /// Places of segment s: `place[place_row[s]..place_row[s + 1]]`.
-    pub place_row: Vec<u32>,
-    /// Places.
-    pub place: Vec<u32>,
-    /// 1 / members of each segment.
-    pub inverse_sizes: Vec<f32>,
+pub struct Segments {
+    pub members: Members,
     /// Nodes as a recurrence reads them, by place; empty where the network has none.
     pub together: Vec<Together>,
     /// Positional encoding `[K x n_position_features]`.
@@ -53,7 +42,7 @@ pub struct TrainGraph {
     pub(super) fixed: Vec<f32>,
     /// Physical, a row an edge of the graph.
     pub(super) edge_features: Vec<f32>,
-    pub(super) members: Option<Members>,
+    pub(super) segments: Option<Segments>,
     /// The finest first.
     pub(super) coarser: Vec<Coarser>,
     /// Positional encoding of the nodes, a row a place.
@@ -79,26 +68,19 @@ impl TrainGraph {
         for (node, row) in fixed.chunks_exact_mut(width).enumerate() {
             row[spec.place_of_type(graph.node_types[node])?] = 1.0;
         }
-        let members = match structure.segments_for(spec.architecture.needs())? {
+        let segments = match structure.segments_for(spec.architecture.needs())? {
             None => None,
             Some(view) => {
-                check(view, graph.n_owned, spec)?;
+                let members = Members::new(view, spec, &order.node)?;
                 for (row, offset) in
                     fixed.chunks_exact_mut(width).zip(view.offsets.chunks_exact(n_offsets.max(1)))
                 {
                     row[width - n_offsets..].copy_from_slice(&offset[..n_offsets]);
                 }
-                let (row, member) = reordered((&view.member_row, &view.member), &order.node);
-                let (place_row, place) = inverted(view.count, &row, &member);
                 let sequence = structure.sequence_for(spec.architecture.needs())?;
-                Some(Members {
-                    count: view.count,
-                    row,
-                    member,
-                    place_row,
-                    place,
+                Some(Segments {
+                    members,
                     together: sequence.map_or(Vec::new(), |s| together(s, &order.places())),
-                    inverse_sizes: view.sizes.iter().map(|s| (1.0 / s.max(1.0)) as f32).collect(),
                     position: view.position.clone(),
                 })
             }
@@ -122,7 +104,7 @@ impl TrainGraph {
             order,
             fixed,
             edge_features: graph.edge_features.clone(),
-            members,
+            segments,
             coarser,
             walk,
             choice: if spec.architecture.needs().whole { structure.choice() } else { Vec::new() },
@@ -185,6 +167,6 @@ impl TrainGraph {
 
     /// Segments, 0 without a macro stage.
     pub fn n_segments(&self) -> usize {
-        self.members.as_ref().map_or(0, |m| m.count)
+        self.segments.as_ref().map_or(0, |s| s.members.count)
     }
 }

@@ -1,20 +1,19 @@
 //! Message passing (eq. 1 to 3), with the macro stage (eq. 9 to 13) where there is one.
 
 use super::Scales;
-use super::dispatch::Dispatch;
 use super::encoder_decoder::EncoderTape;
 use super::graph::TrainGraph;
 use super::layer::{LayerTape, Links};
 use super::network::Buffers;
 use super::processor::Processor;
-use super::stage::{Stage, StageTape};
+use super::stage::StageTape;
 use crate::encoder_decoder::Encoder;
 use crate::kernels::{Buffer, Isa, Normed, Number, padded};
 use crate::order::Order;
 use crate::passing::Layer;
-use crate::tiles::numbers;
-use crate::tiles::{blocks, runs, sums_of_kinds};
-use crate::weights::{Dense, Gradients, Vector, Weights};
+use crate::segment_stage::{Dispatch, Stage};
+use crate::tiles::{blocks, numbers, runs, sums_of_kinds};
+use crate::weights::{Gradients, Weights};
 use m4gn_base::Result;
 use m4gn_model::ModelSpec;
 
@@ -54,19 +53,6 @@ impl<T: Number> Processor<T> for Messages<T> {
 
     fn new(weights: &mut Weights, spec: &ModelSpec) -> Result<Self> {
         let a = &spec.architecture;
-        let stage = match a.m4gn() {
-            Some(m) => Some(Stage::new(weights, spec, &m.segment_transformer)?),
-            None => None,
-        };
-        let name = "segment.dispatch";
-        let dispatch = match a.m4gn().is_some_and(|m| m.layers_after > 0) {
-            true => Some(Dispatch {
-                own: Dense::part(weights, name, 0, a.width)?,
-                segment: Dense::part(weights, name, a.width, a.width)?,
-                bias: Vector::new(weights, &format!("{name}.bias"))?,
-            }),
-            false => None,
-        };
         Ok(Messages {
             isa: weights.isa,
             columns: padded(a.width),
@@ -78,8 +64,8 @@ impl<T: Number> Processor<T> for Messages<T> {
                 .collect::<Result<_>>()?,
             layers: (0..a.layers()).map(|l| Layer::new(weights, a, l)).collect::<Result<_>>()?,
             layers_before: a.m4gn().map_or(a.layers(), |m| m.layers_before),
-            stage,
-            dispatch,
+            stage: Stage::new(weights, spec)?,
+            dispatch: Dispatch::new(weights, a)?,
         })
     }
 
@@ -88,7 +74,7 @@ impl<T: Number> Processor<T> for Messages<T> {
             edges: EncoderTape::new(&self.edges[0]),
             sums: Vec::new(),
             layers: self.layers.iter().map(LayerTape::new).collect(),
-            stage: self.stage.as_ref().map(|s| s.tape()),
+            stage: self.stage.as_ref().map(StageTape::new),
             dispatched: Buffer::default(),
         }
     }

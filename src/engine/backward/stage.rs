@@ -2,31 +2,16 @@
 
 use super::attention::{AttentionWork, add};
 use super::encoder_decoder::EncoderTape;
-use super::graph::Members;
+use super::graph::Segments;
 use super::mlp::Work;
 use super::recurrence::RecurrenceTape;
-use crate::encoder_decoder::Encoder;
-use crate::kernels::{Buffer, Isa, Normed, Number, padded};
-use crate::perceptron::{Perceptron, PerceptronTape};
-use crate::recurrence::Recurrence;
+use crate::kernels::{Buffer, Normed, Number};
+use crate::members::Members;
+use crate::perceptron::PerceptronTape;
+use crate::segment_stage::Stage;
 use crate::tiles::{blocks, numbers};
-use crate::transformer::{Heads, Scratch, TransformerLayer, TransformerTape};
-use crate::weights::{Gradients, Weights};
-use m4gn_base::Result;
-use m4gn_model::{MacroSpec, ModelSpec};
-
-/// Weights of the macro stage.
-pub struct Stage {
-    isa: Isa,
-    columns: usize,
-    d: usize,
-    of: MacroSpec,
-    /// In place of means.
-    recurrence: Option<Recurrence>,
-    encoder: Encoder<f32>,
-    position: Option<Perceptron>,
-    layers: Vec<TransformerLayer>,
-}
+use crate::transformer::{Heads, Scratch, TransformerTape};
+use crate::weights::Gradients;
 
 /// What the macro stage keeps.
 pub struct StageTape {
@@ -42,58 +27,32 @@ pub struct StageTape {
     work: AttentionWork,
 }
 
-impl Stage {
-    /// The macro stage of a model.
-    pub fn new(weights: &mut Weights, spec: &ModelSpec, of: &MacroSpec) -> Result<Self> {
-        let a = &spec.architecture;
-        let n = spec.n_position_features();
-        let position = match n {
-            0 => None,
-            _ => Some(Perceptron::new(weights, "segment.position", n, a)?),
-        };
-        Ok(Stage {
-            isa: weights.isa,
-            columns: padded(a.width),
-            d: a.width,
-            of: of.clone(),
-            recurrence: match a.needs().sequences {
-                true => Some(Recurrence::new(weights, a.width)?),
-                false => None,
-            },
-            encoder: Encoder::new(weights, "segment.encoder", a.width, a)?,
-            position,
-            layers: (0..of.layers)
-                .map(|l| TransformerLayer::new(weights, a, of, l))
-                .collect::<Result<_>>()?,
-        })
-    }
-
+impl StageTape {
     /// Nothing kept yet.
-    pub fn tape(&self) -> StageTape {
+    pub fn new(stage: &Stage) -> Self {
         StageTape {
             recurrence: RecurrenceTape::default(),
-            encoder: EncoderTape::new(&self.encoder),
+            encoder: EncoderTape::new(&stage.encoder),
             position: PerceptronTape::default(),
-            layers: self.layers.iter().map(|l| l.tape(self.of.heads)).collect(),
-            scratch: Scratch::new(f32::ROWS, self.d, &self.of),
-            heads: self.heads(0),
+            layers: stage.layers.iter().map(|l| l.tape(stage.of.heads)).collect(),
+            scratch: stage.scratch(f32::ROWS),
+            heads: stage.heads(0),
             latents: Buffer::default(),
             work: AttentionWork::default(),
         }
     }
+}
 
-    fn heads(&self, k: usize) -> Heads {
-        Heads::new(self.isa, k, self.d, self.of.heads)
-    }
-
+impl Stage {
     /// From node latents to h_S in the tape.
-    pub fn forward(&self, members: &Members, tape: &mut StageTape, work: &mut Work<f32>, nodes: &[f32]) {
-        let (columns, k) = (self.columns, members.count);
+    pub fn forward(&self, of: &Segments, tape: &mut StageTape, work: &mut Work<f32>, nodes: &[f32]) {
+        let (columns, members) = (self.columns, &of.members);
+        let k = members.count;
         tape.latents.fit(k * columns);
         tape.encoder.fit(k, &self.encoder);
         let means = &mut tape.encoder.features;
         match &self.recurrence {
-            Some(unit) => unit.forward(&members.together, &mut tape.recurrence, nodes, means),
+            Some(unit) => unit.forward(&of.together, &mut tape.recurrence, nodes, means),
             None => average(members, columns, nodes, means),
         }
         for rows in blocks::<f32>(k) {
@@ -101,7 +60,7 @@ impl Stage {
             self.encoder.forward(&mut tape.encoder, &rows, &mut work.wide, out);
         }
         if let Some(position) = &self.position {
-            position.forward(&members.position, &mut tape.position, &mut work.wide, &mut tape.latents);
+            position.forward(&of.position, &mut tape.position, &mut work.wide, &mut tape.latents);
         }
         if tape.heads.k() != k {
             tape.heads = self.heads(k);
@@ -115,14 +74,15 @@ impl Stage {
     /// From dL/d h_S in `d`, `[K x columns]`, which is spoilt; what falls on the nodes is added there.
     pub fn backward(
         &self,
-        members: &Members,
+        of: &Segments,
         tape: &mut StageTape,
         work: &mut Work<f32>,
         d: &mut [f32],
         d_nodes: &mut [f32],
         gradients: &mut Gradients,
     ) {
-        let (columns, k) = (self.columns, members.count);
+        let (columns, members) = (self.columns, &of.members);
+        let k = members.count;
         for (layer, kept) in self.layers.iter().zip(&tape.layers).rev() {
             layer.backward(kept, &mut tape.work, work, d, gradients);
         }
@@ -139,12 +99,12 @@ impl Stage {
             self.encoder.first.back(dy, n, &mut d[range]);
         }
         if let Some(unit) = &self.recurrence {
-            return unit.backward(&members.together, &mut tape.recurrence, work, d, d_nodes, gradients);
+            return unit.backward(&of.together, &mut tape.recurrence, work, d, d_nodes, gradients);
         }
         for s in 0..k {
             let mean = &mut d[s * columns..(s + 1) * columns];
-            mean.iter_mut().for_each(|m| *m *= members.inverse_sizes[s]);
-            for &p in &members.place[members.place_row[s] as usize..members.place_row[s + 1] as usize] {
+            mean.iter_mut().for_each(|m| *m *= members.inverse_sizes[s] as f32);
+            for &p in members.places(s) {
                 add(&mut d_nodes[p as usize * columns..(p as usize + 1) * columns], mean);
             }
         }
@@ -155,9 +115,9 @@ impl Stage {
 fn average(members: &Members, columns: usize, nodes: &[f32], means: &mut [f32]) {
     for (s, mean) in means.chunks_exact_mut(columns).take(members.count).enumerate() {
         mean.fill(0.0);
-        for &p in &members.place[members.place_row[s] as usize..members.place_row[s + 1] as usize] {
+        for &p in members.places(s) {
             add(mean, &nodes[p as usize * columns..(p as usize + 1) * columns]);
         }
-        mean.iter_mut().for_each(|m| *m *= members.inverse_sizes[s]);
+        mean.iter_mut().for_each(|m| *m *= members.inverse_sizes[s] as f32);
     }
 }

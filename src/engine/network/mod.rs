@@ -69,7 +69,7 @@ impl<T: Number + Element> Network<T> {
         let weights = &mut Weights::new(isa, &layout, &flat);
         let decoder = Decoder::new(weights, spec)?;
         let processor = processor::new(weights, model, structure, &grid, keep_encoded)?;
-        let n_segments = processor.stage().map_or(0, |s| s.count());
+        let n_segments = processor.stage().map_or(0, |s| s.members.count);
         let mut network = Network {
             n_inputs: spec.n_field_inputs(),
             n_outputs: spec.n_outputs(),

@@ -1,6 +1,5 @@
 //! The two ends of a step: fields to latents, latents to fields.
 
-use super::super::encoder_decoder::Table;
 use super::super::kernels::{Addend, Function, Normed, Number, Output};
 use super::super::pool::Parts;
 use super::super::profile::Phase;
@@ -38,11 +37,10 @@ impl<T: Number + Element> Network<T> {
         let stage = processor.stage().filter(|_| decoder.segment.is_some());
         if let (Some(weight), Some(stage)) = (&decoder.segment, stage) {
             let (x, out) = ((stage.latents(), columns), Output::Wide(&mut self.table[..]));
-            weight.run(x, stage.count(), Addend::Nothing, Function::Identity, out);
+            weight.run(x, stage.members.count, Addend::Nothing, Function::Identity, out);
         }
         let (cells, nodes, scale) = (&self.cells, &grid.nodes, &self.scale_out);
-        let rows = &self.table[..];
-        let table = stage.map(|s| Table { rows, member_row: &s.member_row, member: &s.member });
+        let table = stage.map(|s| (&self.table[..], &s.members));
         let outputs = Parts::new(outputs);
         let task = |s: &mut Scratch<T>, i: usize| {
             s.clock.start();

@@ -3,15 +3,15 @@
 use super::Processor;
 use crate::encoder_decoder::Encoder;
 use crate::grid::Grid;
-use crate::kernels::{Addend, Buffer, Function, Normed, Number, Output, add_means, narrow};
+use crate::kernels::{Addend, Buffer, Function, Normed, Number, Output, narrow};
 use crate::order::Order;
 use crate::passing::{Edges, Layer, Topology};
 use crate::pool::Parts;
 use crate::profile::Phase;
 use crate::scale::Scale;
-use crate::segment_stage::SegmentStage;
+use crate::segment_stage::{Dispatch, SegmentStage};
 use crate::tiles::{Scratch, Tile, numbers, runs, sums_of_kinds};
-use crate::weights::{Dense, Weights};
+use crate::weights::Weights;
 use m4gn_base::Result;
 use m4gn_model::Model;
 use m4gn_parallel::{Comm, Element};
@@ -24,8 +24,9 @@ pub struct Messages<T> {
     layers: Vec<Layer<T>>,
     layers_before: usize,
     stage: Option<SegmentStage>,
-    /// Of h, where layers follow the macro stage.
-    dispatch: Option<Dense<T>>,
+    dispatch: Option<Dispatch<T>>,
+    /// What h_S contributes to the dispatch, a row a segment.
+    table: Buffer<f32>,
     /// Most bytes of encoded edges that are kept.
     keep_encoded: usize,
     /// Encoded edges, where they are kept.
@@ -104,12 +105,12 @@ impl<T: Number + Element> Messages<T> {
         keep_encoded: usize,
     ) -> Result<Self> {
         let a = &model.spec.architecture;
-        let dispatch = after > 0 && stage.is_some();
         Ok(Messages {
             features: Features::new(weights, model)?,
             layers: (0..before + after).map(|l| Layer::new(weights, a, l)).collect::<Result<_>>()?,
             layers_before: before,
-            dispatch: dispatch.then(|| Dense::part(weights, "segment.dispatch", 0, a.width)).transpose()?,
+            dispatch: Dispatch::new(weights, a)?,
+            table: Buffer::new(stage.as_ref().map_or(0, |s| s.members.count * grid.columns)),
             stage,
             keep_encoded,
             encoded: None,
@@ -172,17 +173,17 @@ impl<T: Number + Element> Messages<T> {
         let Some(stage) = &mut self.stage else { return };
         grid.scratch[0].clock.start();
         stage.run(comm, &grid.pool, &grid.nodes);
+        if let Some(dispatch) = &self.dispatch {
+            dispatch.table(stage.latents(), stage.members.count, &mut self.table);
+        }
         grid.scratch[0].clock.stop(Phase::Segments);
-        let (Some(weight), Some(table)) = (&self.dispatch, stage.dispatched()) else {
-            return;
-        };
-        let (isa, columns) = (grid.isa, grid.columns);
-        let (row, member) = (&stage.member_row, &stage.member);
+        let Some(Dispatch { own: weight, .. }) = &self.dispatch else { return };
+        let (isa, columns, members, table) = (grid.isa, grid.columns, &stage.members, &self.table);
         grid.sweep_own(|s, tile, _, h| {
             s.clock.start();
             let places = &tile.nodes;
             narrow(isa, h, &mut s.a[..h.len()]);
-            add_means(isa, h, columns, table, &row[places.start..=places.end], member);
+            members.add_means(isa, h, columns, table, places.clone());
             s.sums[..h.len()].copy_from_slice(h);
             let rows = Addend::Rows(&s.sums);
             let (x, out) = ((&s.a[..], columns), Output::Wide(h));
@@ -241,7 +242,7 @@ impl<T: Number + Element> Processor<T> for Messages<T> {
             flops.push((Phase::EncodeEdges, e * (2.0 * d * features + h * square)));
         }
         if let (Some(stage), Some(spec)) = (&self.stage, a.segment_transformer()) {
-            let k = stage.count() as f64;
+            let k = stage.members.count as f64;
             let layer = 4.0 * square + 4.0 * d * spec.ffn_width as f64 + 4.0 * k * d;
             let dispatched = if self.dispatch.is_some() { n + k } else { 0.0 };
             let recurrence = if a.needs().sequences { 6.0 * square * n } else { 0.0 };

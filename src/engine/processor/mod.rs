@@ -8,7 +8,7 @@ mod messages;
 use super::grid::Grid;
 use super::kernels::Number;
 use super::profile::Phase;
-use super::segment_stage::SegmentStage;
+use super::segment_stage::{SegmentStage, Stage};
 use super::weights::Weights;
 use bi_stride::BiStride;
 use convolution::Convolutions;
@@ -71,13 +71,13 @@ pub fn new<T: Number + Element>(
     keep_encoded: usize,
 ) -> Result<Box<dyn Processor<T>>> {
     let (architecture, graph) = (&model.spec.architecture, &structure.graph);
-    let stage = structure
-        .segments_for(architecture.needs())?
-        .map(|segments| {
-            let threads = grid.pool.n_threads();
-            SegmentStage::new(weights, model, structure, segments, &grid.order.node, threads)
-        })
-        .transpose()?;
+    let stage = match (Stage::new(weights, &model.spec)?, structure.segments_for(architecture.needs())?) {
+        (Some(stage), Some(segments)) => {
+            let (node, threads) = (&grid.order.node, grid.pool.n_threads());
+            Some(SegmentStage::new(stage, &model.spec, structure, segments, node, threads)?)
+        }
+        _ => None,
+    };
     Ok(match &architecture.kind {
         Kind::M4gn(m) | Kind::Eagle(m) => {
             let layers = (m.layers_before, m.layers_after);
