@@ -14,8 +14,8 @@ pub use options::{Backend, SessionOptions};
 pub use stepper::Stepper;
 
 use m4gn_base::Result;
-use m4gn_domain::{Components, Host};
-use m4gn_model::{Extent, InputRange, ModelSpec, Solid};
+use m4gn_domain::Host;
+use m4gn_model::{Extent, ModelSpec, Ranges, Solid};
 use m4gn_parallel::Comm;
 
 /// One model on one mesh: fields at the cells of a mesh that does not move, or the displacement of a body at points.
@@ -151,37 +151,15 @@ impl Session {
         let Some(trained_on) = &self.spec.trained_on else {
             return Vec::new();
         };
-        let solid = self.host.solid().or(self.solid.as_ref());
-        if !self.stepped {
-            let case =
-                Extent { cell_size: self.cell_size, speed: None, inputs: Vec::new(), solid: solid.cloned() };
-            return trained_on.outside(&case, self.spec.stride);
-        }
-        let (mut inputs, mut speed, mut column) = (Vec::new(), None, 0);
-        let width = Components::new(&self.spec).count;
-        for field in &self.spec.fields {
-            let columns = column..column + field.components(self.spec.dim);
-            column = columns.end;
-            if !self.spec.reads(field) {
-                continue;
+        let solid = self.host.solid().or(self.solid.as_ref()).cloned();
+        let case = match self.stepped {
+            true => {
+                let mut ranges = Ranges::new(&self.spec);
+                ranges.see(self.host.seen());
+                ranges.extent(self.cell_size, solid, &self.comm)
             }
-            // Largest of -x, x and |x|^2
-            let mut largest = [f64::NEG_INFINITY, f64::NEG_INFINITY, 0.0];
-            for row in self.host.seen().chunks_exact(width) {
-                let values = row[columns.clone()].iter().map(|&x| field.physical(x.into()));
-                largest[2] = values.clone().map(|x| x * x).sum::<f64>().max(largest[2]);
-                for x in values {
-                    largest[0] = largest[0].max(-x);
-                    largest[1] = largest[1].max(x);
-                }
-            }
-            self.comm.max_f64(&mut largest);
-            if field.is_velocity() && speed.is_none() {
-                speed = Some(largest[2].sqrt());
-            }
-            inputs.push(InputRange { field: field.name.clone(), range: [-largest[0], largest[1]] });
-        }
-        let case = Extent { cell_size: self.cell_size, speed, inputs, solid: solid.cloned() };
+            false => Extent { cell_size: self.cell_size, speed: None, inputs: Vec::new(), solid },
+        };
         trained_on.outside(&case, self.spec.stride)
     }
 }

@@ -105,7 +105,7 @@ fn positive_fields_are_on_a_scale_of_their_own() {
             cell_size: [0.0, 1.0],
             speed: None,
             courant: None,
-            inputs: vec![InputRange { field: "p".into(), range: [floor, 0.5] }],
+            inputs: vec![m4gn_model::InputRange { field: "p".into(), range: [floor, 0.5] }],
             solid: None,
         });
         let outside = mapped.outside();

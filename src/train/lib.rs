@@ -15,7 +15,6 @@ mod finish;
 mod log;
 mod memory;
 mod net2net;
-mod ranges;
 pub mod recorded;
 mod report;
 pub mod request;

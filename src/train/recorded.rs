@@ -1,12 +1,13 @@
 //! Recorded trajectories as samples, and those whose frames stay on disk and are read when they are needed: data sets may be
 //! larger than the memory.
 
-use super::ranges::{Ranges, solid};
 use m4gn_base::{Error, Result};
 use m4gn_data::{States, Trajectory};
 use m4gn_domain::{as_seen, faces_seen_as_their_cells};
 use m4gn_learn::samples::{FrameSource, Sample};
-use m4gn_model::{FieldSpec, ModelSpec};
+use m4gn_model::{FieldSpec, ModelSpec, Ranges, Solid};
+use m4gn_parallel::Comm;
+use serde::Deserialize;
 use std::sync::Arc;
 
 /// A trajectory and the fields of it that a model has.
@@ -100,13 +101,33 @@ pub fn read_within(trajectory: &Trajectory, spec: &ModelSpec, room: u64) -> Resu
     }
     drop(states);
     sample.domain.boundary_mut().settle();
-    sample.extent = Some(ranges.extent(sample.cell_size, solid(trajectory)?));
+    sample.extent = Some(ranges.extent(sample.cell_size, solid(trajectory)?, &Comm::serial()));
     sample.frames = frames;
     sample.source = match keep {
         true => None,
         false => Some(Arc::new(recorded)),
     };
     Ok(sample)
+}
+
+/// What a trajectory says of its solid: a body by its elements, a solver's case by the provenance that `m4gnRecorder` writes.
+///
+/// # Errors
+/// [`Error::File`] for a provenance that has something else under this name.
+fn solid(trajectory: &Trajectory) -> Result<Option<Solid>> {
+    if let Some(body) = trajectory.body() {
+        return Ok(Some(Solid::of_body(body)));
+    }
+    let recorded = &trajectory.provenance()["solid"];
+    if recorded.is_null() {
+        return Ok(None);
+    }
+    let found = Solid::deserialize(recorded).map_err(|e| e.to_string());
+    let checked = found.and_then(|solid| match solid.fault() {
+        Some(fault) => Err(fault),
+        None => Ok(solid),
+    });
+    checked.map(Some).map_err(|e| Error::file(trajectory.path(), format!("provenance, entry solid: {e}")))
 }
 
 #[cfg(test)]
