@@ -24,10 +24,6 @@ impl<T: Number> Activated<T> {
         self.slope.iter_mut().for_each(|s| s.fit(len));
     }
 
-    pub fn bytes(&self) -> usize {
-        self.value.bytes() + self.slope.as_ref().map_or(0, |s| s.bytes())
-    }
-
     /// Where these numbers go.
     pub fn place(&mut self, range: Range<usize>) -> Place<'_, T> {
         let slope = self.slope.as_mut().map(|s| &mut s[range.clone()]);

@@ -167,10 +167,6 @@ impl<T: Number> DecoderTape<T> {
         self.values.iter_mut().for_each(|v| v.fit(cells * columns));
         self.last.fit(cells * columns);
     }
-
-    pub fn bytes(&self) -> usize {
-        self.latents.bytes() + self.values.iter().map(|v| v.bytes()).sum::<usize>() + self.last.bytes()
-    }
 }
 
 impl<T: Number> Decoder<T> {

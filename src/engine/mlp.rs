@@ -48,10 +48,6 @@ impl<T: Number> MlpTape<T> {
         self.normed.fit(rows * columns);
         self.scale.fit(rows);
     }
-
-    pub fn bytes(&self) -> usize {
-        self.values.iter().map(|v| v.bytes()).sum::<usize>() + self.normed.bytes() + self.scale.bytes()
-    }
 }
 
 impl<T: Number> Mlp<T> {

@@ -72,10 +72,6 @@ impl<T: Number> SweepTape<T> {
         self.edge.iter_mut().for_each(|e| e.fit(edges, columns));
         self.node.fit(nodes, columns);
     }
-
-    pub fn bytes(&self) -> usize {
-        self.nodes.bytes() + self.edge.as_ref().map_or(0, |e| e.bytes()) + self.node.bytes()
-    }
 }
 
 /// The graph as a sweep reads it.

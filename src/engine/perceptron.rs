@@ -26,10 +26,6 @@ pub struct PerceptronTape {
 }
 
 impl PerceptronTape {
-    pub fn bytes(&self) -> usize {
-        self.features.bytes() + self.values.iter().map(|v| v.bytes()).sum::<usize>()
-    }
-
     /// What layer i reads.
     pub fn before(&self, i: usize) -> &[f32] {
         i.checked_sub(1).map_or(&self.features, |i| &self.values[i].value)

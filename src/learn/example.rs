@@ -61,7 +61,8 @@ impl NativeBackend<'_> {
             let here = graph.as_ref().map_or(base, |g| &g.0);
             let tape = if step <= keep { step - 1 } else { 0 };
             self.network.forward(worker, tape, here, scales, &inputs, &mut outputs);
-            if step == 1 && batch.unroll > 1 && batch.unroll * self.network.tape_bytes(worker) > KEEP {
+            if step == 1 && batch.unroll > 1 && batch.unroll * self.network.tape_bytes(worker, 0, here) > KEEP
+            {
                 keep = 1;
             }
             domain.target(&state, &next, &mut target);

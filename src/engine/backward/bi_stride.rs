@@ -41,6 +41,12 @@ impl TrainGraph {
     }
 }
 
+/// Nodes and edges of these graphs, which layers pass down and up.
+pub fn twice<'a>(orders: impl Iterator<Item = &'a Order>) -> [usize; 2] {
+    let sizes = orders.map(|order| [2 * order.node.len(), 2 * order.senders.len()]);
+    sizes.fold([0, 0], |sum, n| [sum[0] + n[0], sum[1] + n[1]])
+}
+
 /// `out = 0`, as long as the rows of a graph.
 fn cleared(out: &mut Buffer<f32>, size: usize) -> &mut [f32] {
     out.fit(size);
@@ -69,9 +75,9 @@ impl<T: Number> Processor<T> for BiStride<T> {
         }
     }
 
-    fn tape_bytes(tape: &BiStrideTape<T>) -> usize {
-        let layers: usize = tape.layers.iter().map(|l| l.bytes()).sum();
-        layers + tape.rows.iter().map(|r| r.bytes()).sum::<usize>() + tape.risen.bytes()
+    fn passed(&self, graph: &TrainGraph, _: &BiStrideTape<T>) -> [usize; 2] {
+        let coarser = graph.coarser.iter().map(|c| &c.order);
+        twice(std::iter::once(&graph.order).chain(coarser))
     }
 
     fn forward(

@@ -62,9 +62,8 @@ impl<T: Number> Processor<T> for Convolutions<T> {
         }
     }
 
-    fn tape_bytes(tape: &ConvolutionsTape<T>) -> usize {
-        let rows = |l: &Layer<T>| l.sums.bytes() + l.value.bytes();
-        tape.scaled.bytes() + tape.layers.iter().map(rows).sum::<usize>()
+    fn passed(&self, graph: &TrainGraph, _: &ConvolutionsTape<T>) -> [usize; 2] {
+        [self.layers.len() * graph.n_nodes(), 0]
     }
 
     fn forward(&self, graph: &TrainGraph, _: &Scales, tape: &mut ConvolutionsTape<T>, work: &mut Buffers<T>) {

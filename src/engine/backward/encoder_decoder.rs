@@ -29,10 +29,6 @@ impl<T: Number> EncoderTape<T> {
         self.features.fit(rows * encoder.stride);
         self.rest.fit(rows, encoder.rest.columns);
     }
-
-    pub fn bytes(&self) -> usize {
-        self.features.bytes() + self.rest.bytes()
-    }
 }
 
 impl<T: Number> Encoder<T> {

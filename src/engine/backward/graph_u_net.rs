@@ -1,6 +1,7 @@
 //! g-U-Net (Gao and Ji 2019), forward with what is kept, and backward. Which nodes are kept has no derivative.
 
 use super::attention::add;
+use super::bi_stride::twice;
 use super::graph::TrainGraph;
 use super::layer::{LayerTape, Links};
 use super::network::Buffers;
@@ -68,13 +69,8 @@ impl<T: Number> Processor<T> for GraphUNet<T> {
         }
     }
 
-    fn tape_bytes(tape: &GraphUNetTape<T>) -> usize {
-        let layers: usize = tape.layers.iter().map(|l| l.bytes()).sum();
-        let below = tape
-            .below
-            .iter()
-            .map(|b| 4 * (b.links.features.len() + b.latents.len() + 2 * b.edges.from.len()));
-        layers + tape.rows.iter().map(|r| r.bytes()).sum::<usize>() + below.sum::<usize>()
+    fn passed(&self, graph: &TrainGraph, tape: &GraphUNetTape<T>) -> [usize; 2] {
+        twice(std::iter::once(&graph.order).chain(tape.below.iter().map(|b| &b.order)))
     }
 
     fn forward(

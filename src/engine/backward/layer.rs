@@ -86,10 +86,6 @@ impl<T: Number> LayerTape<T> {
         self.edges.fit(edges * layer.columns);
         self.swept.fit(nodes, edges, layer);
     }
-
-    pub fn bytes(&self) -> usize {
-        self.edges.bytes() + self.swept.bytes()
-    }
 }
 
 impl<T: Number> Layer<T> {

@@ -79,9 +79,9 @@ impl<T: Number> Processor<T> for Messages<T> {
         }
     }
 
-    fn tape_bytes(tape: &MessagesTape<T>) -> usize {
-        let layers: usize = tape.layers.iter().map(|l| l.bytes()).sum();
-        layers + tape.edges.bytes() + tape.dispatched.bytes()
+    fn passed(&self, graph: &TrainGraph, _: &MessagesTape<T>) -> [usize; 2] {
+        // The encoder of edges keeps as much as a layer.
+        [self.layers.len() * graph.n_nodes(), (1 + self.layers.len()) * graph.n_edges()]
     }
 
     fn segments(tape: &MessagesTape<T>) -> Option<&[f32]> {

@@ -121,8 +121,8 @@ pub trait Trainable: Send + Sync {
     /// Adds the worker's gradient to a flat one and clears it.
     fn flush(&self, worker: &mut Worker, flat: &mut [f32]);
 
-    /// Bytes of the worker's largest tape.
-    fn tape_bytes(&self, worker: &mut Worker) -> usize;
+    /// About how many bytes tape `at` has, of an application to this graph.
+    fn tape_bytes(&self, worker: &mut Worker, at: usize, graph: &TrainGraph) -> usize;
 }
 
 /// The network of a model's shape, with all weights zero until [`Trainable::load`].

@@ -15,7 +15,7 @@ use crate::tiles::blocks;
 use crate::tiles::numbers;
 use crate::weights::{Gradients, Places, Weights};
 use m4gn_base::Result;
-use m4gn_model::ModelSpec;
+use m4gn_model::{Activation, ModelSpec};
 
 /// Weights, shared by all threads; `P` is what stands between the encoder of the nodes and the decoder.
 pub struct Network<T, P> {
@@ -252,10 +252,13 @@ impl<T: Number, P: Processor<T>> Trainable for Network<T, P> {
         }
     }
 
-    fn tape_bytes(&self, worker: &mut Worker) -> usize {
-        let tapes = self.of(worker).tapes.iter();
-        let bytes = tapes
-            .map(|t| P::tape_bytes(&t.processor) + t.nodes.bytes() + t.position.bytes() + t.decoder.bytes());
-        bytes.max().unwrap_or(0)
+    fn tape_bytes(&self, worker: &mut Worker, at: usize, graph: &TrainGraph) -> usize {
+        let a = &self.spec.architecture;
+        let hidden = a.hidden_layers * if a.activation == Activation::Silu { 2 } else { 1 };
+        let [nodes, edges] = self.processor.passed(graph, &self.of(worker).tapes[at].processor);
+        // The encoder of nodes and the decoder keep as much as a layer.
+        let nodes = nodes + graph.n_nodes();
+        let rows = (hidden + 2) * edges + (hidden + 2 + a.edge_kinds()) * nodes;
+        rows * self.columns * size_of::<T>()
     }
 }

@@ -22,8 +22,8 @@ pub trait Processor<T: Number>: Send + Sync + Sized + 'static {
     /// Nothing kept yet.
     fn tape(&self) -> Self::Tape;
 
-    /// Bytes of what is kept.
-    fn tape_bytes(tape: &Self::Tape) -> usize;
+    /// Nodes and edges that the layers of the last forward pass went over, each as often as they did.
+    fn passed(&self, graph: &TrainGraph, tape: &Self::Tape) -> [usize; 2];
 
     /// h_S of the last forward pass, rows of the padded width; none without a macro stage.
     fn segments(_: &Self::Tape) -> Option<&[f32]> {
