@@ -90,6 +90,11 @@ impl Plain<'_> {
                 add(&mut sums[r][kind..kind + d], e);
             }
         }
+        self.update(l, h, sums);
+    }
+
+    /// eq. 2 of the nodes.
+    fn update(&self, l: usize, h: &mut Rows, sums: Rows) {
         for (h, sum) in h.iter_mut().zip(sums) {
             let x = [&h[..], &sum].concat();
             add(h, &self.mlp(&format!("processor.{l}.node"), &x, true));
@@ -99,8 +104,7 @@ impl Plain<'_> {
     /// Algorithm 2 of Cao et al. 2023, from graph l downwards.
     fn bi_stride(&self, structure: &Structure, l: usize, h: &mut Rows) {
         let graph = l.checked_sub(1).map_or(&structure.graph, |l| &structure.levels[l].graph);
-        let features = graph.edge_features.chunks(self.0.spec.n_edge_features());
-        let features: Rows = features.map(|x| self.normalise("edge", x)).collect();
+        let features = self.features(graph);
         self.pass_features(l, graph, &features, h);
         let Some(level) = structure.levels.get(l) else { return };
         let mut coarse = transferred(&level.down, h);
@@ -118,10 +122,7 @@ impl Plain<'_> {
             let x = [&x[..], &h[s], &h[r]].concat();
             add(&mut sums[r], &self.mlp(&format!("processor.{layer}.edge"), &x, true));
         }
-        for (h, sum) in h.iter_mut().zip(sums) {
-            let x = [&h[..], &sum].concat();
-            add(h, &self.mlp(&format!("processor.{layer}.node"), &x, true));
-        }
+        self.update(layer, h, sums);
     }
 
     /// Gao and Ji 2019, from a graph downwards: who hears whom, and the features of these edges.
@@ -169,12 +170,17 @@ impl Plain<'_> {
         self.pass_features(layers - 1 - l, graph, features, h);
     }
 
+    /// Normalised features of the edges.
+    fn features(&self, graph: &Graph) -> Rows {
+        let features = graph.edge_features.chunks(self.0.spec.n_edge_features());
+        features.map(|x| self.normalise("edge", x)).collect()
+    }
+
     /// eq. 1 of the edges.
     fn edges(&self, graph: &Graph) -> Rows {
-        let features = graph.edge_features.chunks(self.0.spec.n_edge_features()).enumerate();
         let encoders = self.0.spec.architecture.edge_encoders();
-        let encode = |(i, x)| self.mlp(encoders[self.kind(graph, i)], &self.normalise("edge", x), true);
-        features.map(encode).collect()
+        let encode = |(i, x): (usize, &Vec<f64>)| self.mlp(encoders[self.kind(graph, i)], x, true);
+        self.features(graph).iter().enumerate().map(encode).collect()
     }
 
     /// 1 for a world edge that has weights of its own.
@@ -346,32 +352,20 @@ pub fn forward(model: &Model, structure: &Structure, inputs: &[f32]) -> Vec<f64>
             net.mlp("encoder.node", &x, true)
         })
         .collect();
-    let context = match &spec.architecture.kind {
-        Kind::M4gn(m) => net.m4gn(m, structure, &mut h),
+    let mut context = vec![vec![]; h.len()];
+    match &spec.architecture.kind {
+        Kind::M4gn(m) => context = net.m4gn(m, structure, &mut h),
         Kind::Eagle(m) => {
             net.m4gn(m, structure, &mut h);
-            vec![vec![]; h.len()]
         }
         Kind::MeshGraphNet { layers } => {
             let mut e = net.edges(graph);
             (0..*layers).for_each(|l| net.pass(l, graph, &mut h, &mut e));
-            vec![vec![]; h.len()]
         }
-        Kind::Gcn { layers } => {
-            (0..*layers).for_each(|l| net.convolve(l, graph, &mut h));
-            vec![vec![]; h.len()]
-        }
-        Kind::GUNet { .. } => {
-            let features = graph.edge_features.chunks(spec.n_edge_features());
-            let features: Rows = features.map(|x| net.normalise("edge", x)).collect();
-            net.u_net(0, graph, &features, &mut h);
-            vec![vec![]; h.len()]
-        }
-        Kind::BsmsGnn { .. } => {
-            net.bi_stride(structure, 0, &mut h);
-            vec![vec![]; h.len()]
-        }
-    };
+        Kind::Gcn { layers } => (0..*layers).for_each(|l| net.convolve(l, graph, &mut h)),
+        Kind::GUNet { .. } => net.u_net(0, graph, &net.features(graph), &mut h),
+        Kind::BsmsGnn { .. } => net.bi_stride(structure, 0, &mut h),
+    }
     let (mean, std) = (net.tensor("norm.output.mean"), net.tensor("norm.output.std"));
     (0..graph.n_cells)
         .flat_map(|i| {
