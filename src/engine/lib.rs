@@ -38,8 +38,9 @@ pub mod torch;
 mod transformer;
 mod weights;
 
+pub use kernels::Isa;
 pub use m4gn_model::Precision;
-pub use options::{EngineOptions, Isa, PrecisionChoice};
+pub use options::{EngineOptions, PrecisionChoice};
 pub use peak::{Peak, peak};
 pub use profile::{Phase, Profile};
 

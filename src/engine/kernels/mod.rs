@@ -12,6 +12,7 @@ mod avx512;
 mod buffer;
 mod dense;
 mod gradient;
+mod isa;
 mod outer;
 mod packed;
 mod portable;
@@ -19,13 +20,13 @@ mod product;
 mod rows;
 mod simd;
 
-pub use super::options::Isa;
-use super::options::Level;
 #[cfg(target_arch = "x86_64")]
-pub use amx::{Tiles, available as has_tiles};
+pub use amx::Tiles;
 pub use buffer::Buffer;
 pub use dense::{Adam, adam, multiply_add, softmax_backward};
 pub use gradient::{Saved, activation_backward, norm_backward, silu_keep};
+pub use isa::Isa;
+use isa::Level;
 pub use outer::{Pairs, gather_add, outer, scatter_add};
 pub use packed::{Packed, padded};
 pub use product::{Addend, Output, product, registers};
@@ -85,7 +86,7 @@ macro_rules! dispatch {
         unsafe fn avx2<$t: Number>($($arg: $kind),*) $(-> $result)? {
             $name::<$crate::kernels::avx2::Avx2, $t, 6, false>($($arg),*)
         }
-        use $crate::options::Level;
+        use $crate::kernels::Level;
         // SAFETY: an Isa of a level exists only where the processor has its features; the rest is the caller's.
         unsafe {
             match $isa.0 {

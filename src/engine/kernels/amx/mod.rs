@@ -16,7 +16,7 @@ pub use tiles::Tiles;
 
 use super::Isa;
 use super::simd::Number;
-use crate::options::Level;
+use crate::kernels::Level;
 use std::arch::asm;
 use std::sync::OnceLock;
 

@@ -5,9 +5,9 @@
 use super::block::{Sums, block};
 use super::{INPUTS, ROWS, Tiles};
 use crate::kernels::Isa;
+use crate::kernels::Level;
 use crate::kernels::packed::padded;
 use crate::kernels::simd::{Bf16, LANES, Number};
-use crate::options::Level;
 use std::arch::x86_64::*;
 use std::mem::MaybeUninit;
 

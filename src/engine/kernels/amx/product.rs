@@ -4,12 +4,12 @@
 
 use super::block::{Sums, block};
 use super::{INPUTS, ROWS, Tiles};
+use crate::kernels::Level;
 use crate::kernels::avx512::Avx512;
 use crate::kernels::packed::Packed;
 use crate::kernels::product::{Addend, Output, finish};
 use crate::kernels::simd::{Bf16, LANES, Number, Simd};
 use crate::kernels::{Function, Isa};
-use crate::options::Level;
 use std::arch::x86_64::*;
 use std::mem::MaybeUninit;
 use std::ops::Range;

@@ -1,7 +1,7 @@
 //! The shapes of a thread's tiles.
 
 use crate::kernels::Isa;
-use crate::options::Level;
+use crate::kernels::Level;
 use std::arch::asm;
 use std::cell::Cell;
 
