@@ -2,10 +2,9 @@
 
 use super::*;
 use crate::plain;
-use crate::tests::{apart, instruction_sets, mesh, structure};
-use m4gn_model::{Activation, Kind, M4gn, Model, NodeSums, Output};
+use crate::tests::{instruction_sets, mesh, networks, structure};
+use m4gn_model::{Activation, Model};
 use m4gn_samples::distance;
-use m4gn_samples::model::{bodies_of_other_kinds, spec};
 use m4gn_structure::Structure;
 
 /// A model on a small channel of triangles, and a loss: a fixed weight for each output.
@@ -98,105 +97,12 @@ fn check(what: &str, x: &[f32], gradient: &[f32], loss: impl Fn(&[f32]) -> f64) 
     }
 }
 
-fn m4gn(s: &mut ModelSpec) -> &mut M4gn {
-    s.architecture.m4gn_mut().unwrap()
-}
-
-/// Every entry of a list with each of the others' first ones.
-fn specs() -> Vec<(String, ModelSpec, bool)> {
-    let mut all = Vec::new();
-    let mut add = |name: &str, overlap: bool, change: &dyn Fn(&mut ModelSpec)| {
-        let mut s = spec();
-        change(&mut s);
-        all.push((name.to_string(), s, overlap));
-    };
-    add("small", false, &|_| ());
-    add("overlap", true, &|_| ());
-    for hidden in [2, 3] {
-        add("hidden layers", true, &|s| s.architecture.hidden_layers = hidden);
-    }
-    for hidden in [1, 2] {
-        add("silu", true, &|s| {
-            s.architecture.activation = Activation::Silu;
-            s.architecture.hidden_layers = hidden;
-        });
-    }
-    for (width, heads) in [(20, 4), (64, 4), (81, 3)] {
-        add("width", false, &|s| {
-            s.architecture.width = width;
-            let m = &mut m4gn(s).segment_transformer;
-            (m.heads, m.layers, m.ffn_width) = (heads, 2, 24);
-        });
-    }
-    add("paper's order", false, &|s| m4gn(s).layers_after = 0);
-    add("all layers after", true, &|s| {
-        (m4gn(s).layers_before, m4gn(s).layers_after) = (0, 2);
-    });
-    add("no encodings", false, &|s| {
-        let m = &mut m4gn(s).segment_transformer;
-        (m.rwse_steps, m.centroids, m.offsets) = (0, false, false);
-    });
-    add("no transformer layers", false, &|s| {
-        let m = &mut m4gn(s).segment_transformer;
-        (m.layers, m.heads) = (1, 1);
-    });
-    add("mesh-graph-net", false, &|s| {
-        s.architecture.kind = Kind::MeshGraphNet { layers: 2 };
-    });
-    for kind in [Kind::MeshGraphNet { layers: 1 }, Kind::MeshGraphNet { layers: 3 }, spec().architecture.kind]
-    {
-        add("node sums before", false, &|s| {
-            s.architecture.micro.node_sums = NodeSums::Before;
-            s.architecture.kind = kind.clone();
-        });
-    }
-    for layers in [1, 3] {
-        add("gcn", false, &|s| s.architecture.kind = Kind::Gcn { layers });
-    }
-    for (levels, width) in [(1, 8), (3, 20), (6, 8)] {
-        add("bsms-gnn", false, &|s| {
-            (s.architecture.kind, s.architecture.width) = (Kind::BsmsGnn { levels }, width);
-        });
-    }
-    for (width, overlap) in [(8, false), (20, true)] {
-        add("eagle", overlap, &|s| {
-            m4gn(s).segment_transformer.heads = 4;
-            (s.architecture.kind, s.architecture.width) = (Kind::Eagle(m4gn(s).clone()), width);
-        });
-    }
-    for (levels, width) in [(1, 8), (3, 20)] {
-        add("g-u-net", false, &|s| {
-            (s.architecture.kind, s.architecture.width) = (Kind::GUNet { levels }, width);
-        });
-    }
-    for (hidden, kind) in [(1, spec().architecture.kind), (2, Kind::Gcn { layers: 2 })] {
-        add("node positions", false, &|s| {
-            s.architecture.micro.node_rwse_steps = 6;
-            (s.architecture.hidden_layers, s.architecture.kind) = (hidden, kind.clone());
-        });
-    }
-    for other in bodies_of_other_kinds() {
-        add("bodies", false, &|s| *s = other.clone());
-    }
-    for sums in [NodeSums::After, NodeSums::Before] {
-        add("world edges apart", false, &|s| {
-            *s = apart();
-            s.architecture.micro.node_sums = sums;
-        });
-    }
-    add("values", false, &|s| {
-        s.fields[0].output = Output::Value;
-        s.fields[1].output = Output::None;
-    });
-    all
-}
-
 /// Every switch with an activation that has no kinks: of one with kinks, fp32 and fp64 see arguments on different sides of zero
 /// (libtorch, which sees what the engine sees, is the sharp test of it). Not of width 64: the time of differences grows with the width's
 /// square, and the comparison of instruction sets has all widths.
 #[test]
 fn gradients_are_those_of_differences() {
-    for (name, mut spec, overlap) in specs() {
+    for (name, mut spec, overlap) in networks() {
         if spec.architecture.width != 64 {
             spec.architecture.activation = Activation::Silu;
             differences(&name, Case::new(spec, overlap));
@@ -246,7 +152,7 @@ fn differences(name: &str, mut case: Case) {
 
 #[test]
 fn instruction_sets_and_precisions_agree() {
-    for (name, spec, overlap) in specs() {
+    for (name, spec, overlap) in networks() {
         let case = Case::new(spec, overlap);
         let (_, expected, by_inputs) = case.gradient(Precision::Fp32, Isa::portable());
         for isa in instruction_sets() {
@@ -254,9 +160,9 @@ fn instruction_sets_and_precisions_agree() {
             let off = distance(&found, &expected);
             assert!(off < 1e-5, "{name}, {}: {off:e}", isa.name());
             assert!(distance(&inputs.nodes, &by_inputs.nodes) < 1e-5);
-            // A few units of eight bits say little about narrow networks; libtorch's bf16 is compared in torch/tests.
+            // A few units of eight bits say little about narrow and deep networks; libtorch's bf16 is compared in torch/tests.
             let a = &case.model.spec.architecture;
-            if a.width < 20 || a.needs().whole {
+            if a.width < 20 || a.layers() > 7 || a.needs().whole {
                 continue;
             }
             let (_, found, _) = case.gradient(Precision::Bf16, isa);
