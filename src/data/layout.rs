@@ -1,7 +1,6 @@
 //! The datasets and attributes of a file being written.
 
-use super::schema::{NAME, Text, h5_error, h5_text};
-use super::trajectory::TRIANGLES;
+use super::schema::{NAME, TRIANGLES, Text, h5_error, h5_text};
 use hdf5::{Dataset, Group};
 use m4gn_base::{Error, Result, refuse};
 use m4gn_mesh::Mesh;

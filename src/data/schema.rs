@@ -9,6 +9,8 @@ use std::str::FromStr;
 pub(super) const FORMAT: &str = "m4gn-trajectory";
 /// Schema version that is written and read.
 pub(super) const VERSION: u32 = 3;
+/// Triangles over nodes that are points.
+pub(super) const TRIANGLES: &str = "mesh/triangles";
 
 /// What a trajectory is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]

@@ -1,6 +1,6 @@
 //! Reading trajectories. Whatever is in a file, the answer is values or an error that names the file.
 
-use super::schema::{FieldMeta, Frame, Split, h5_error};
+use super::schema::{FieldMeta, Frame, Split, TRIANGLES, h5_error};
 use super::source::{Source, open_file};
 use m4gn_base::{Error, Result};
 use m4gn_mesh::body::{Body, Obstacle};
@@ -11,9 +11,6 @@ use std::path::{Path, PathBuf};
 
 /// Name of the field of a fluid's kinematic viscosity (m^2/s), and of its entry in the provenance, where it is the same everywhere.
 const VISCOSITY: &str = "nu";
-
-/// Triangles over nodes that are points.
-pub(super) const TRIANGLES: &str = "mesh/triangles";
 
 fn scalar(name: &str, dimensions: [i32; 7]) -> FieldMeta {
     FieldMeta { name: name.into(), vector: false, dimensions }
