@@ -44,10 +44,10 @@ pub fn at_state(graph: Topology, domains: &[&dyn Domain], state: &State) -> Resu
     };
     let flags = Tensor::ones([count, 1], (Kind::Float, Device::Cpu));
     Ok(Topology {
-        senders: append(&graph.senders, Tensor::from_slice(&senders)),
-        receivers: append(&graph.receivers, Tensor::from_slice(&receivers)),
-        edges: insert(&graph.edges, Tensor::from_slice(&rest).view([count, 3])),
-        is_world: Some(insert(is_world, flags)),
+        senders: append(&graph.senders, Tensor::from_slice(&senders)).into(),
+        receivers: append(&graph.receivers, Tensor::from_slice(&receivers)).into(),
+        edges: insert(&graph.edges, Tensor::from_slice(&rest).view([count, 3])).into(),
+        is_world: Some(insert(is_world, flags).into()),
         ..graph
     })
 }
@@ -69,18 +69,18 @@ fn each_state(domains: &[&dyn Domain], cells: &Tensor, boundary: &Tensor) -> Res
 /// Physical features of all edges at a state `[E x 13]`, as the domain has them, those of coarser graphs last; what the graph holds where
 /// the nodes do not move.
 pub fn edge_features(graph: &Topology, state: &State) -> Tensor {
-    let Some(is_world) = &graph.is_world else {
+    let Some(is_world) = graph.is_world.as_deref() else {
         return graph.edges.shallow_clone();
     };
     let mut u = Tensor::cat(&[&state.cells, &state.boundary], 0);
     let difference = |u: &Tensor, links: Links| pick(u, links.senders) - pick(u, links.receivers);
     let mut added = vec![difference(&u, graph.links())];
     for (level, scale) in graph.levels.iter().zip(std::iter::successors(Some(0.5), |s| Some(0.5 * s))) {
-        u = sum_into(level.nodes, &(pick(&u, &level.finer) * &level.share), &level.coarse);
+        u = sum_into(level.nodes, &(pick(&u, &level.finer) * &*level.share), &level.coarse);
         added.push(difference(&u, level.links()) * scale);
     }
     let added = Tensor::cat(&added, 0);
-    let (rest, now) = (&graph.edges, &graph.edges + &added);
+    let (rest, now) = (&*graph.edges, &*graph.edges + &added);
     let sum = |v: Tensor| v.sum_dim_intlist(Some(&[1i64][..]), true, Kind::Float);
     // Nodes of coarser graphs may be in one place, where the root has no derivative.
     let least = f64::from(f32::MIN_POSITIVE);

@@ -43,7 +43,7 @@ impl Inference {
         let graph = HostGraph::union(&[&HostGraph::new(structure, &spec)?], &spec, device);
         Ok(Inference {
             weights: Weights::new(&layout, &flat, false),
-            edges: (&graph.edges - &scales.edge.0) / &scales.edge.1,
+            edges: (&*graph.edges - &scales.edge.0) / &scales.edge.1,
             graph,
             scales,
             spec,

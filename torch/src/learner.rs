@@ -67,12 +67,11 @@ impl Learner {
 
     /// Another worker on the same data.
     pub fn share(&self) -> Self {
-        let share = |samples: &[Sample]| samples.iter().map(Sample::share).collect();
         Learner::new(
             self.training.clone(),
             self.spec.clone(),
-            share(&self.train),
-            share(&self.valid),
+            self.train.clone(),
+            self.valid.clone(),
             self.frames_a_step,
             self.device,
         )
@@ -100,7 +99,7 @@ impl Learner {
         let (fixed, boundary) = match examples {
             [one] => {
                 let sample = &self.train[one.sample];
-                (sample.topologies[usize::from(one.mirror)].share(), sample.boundary.share())
+                (sample.topologies[usize::from(one.mirror)].clone(), sample.boundary.clone())
             }
             _ => self.union(examples),
         };
@@ -201,7 +200,7 @@ impl Learner {
         let mut start = state.cells.shallow_clone();
         let mut errors = Vec::new();
         for step in 1..=rollout.steps {
-            let graph = contact::at_state(sample.topologies[0].share(), &domains, &state)?;
+            let graph = contact::at_state(sample.topologies[0].clone(), &domains, &state)?;
             let edges = contact::edge_features(&graph, &state);
             let next = read(step)?;
             let inputs = self.stepper.inputs(&domains, &state, &next)?;
@@ -276,7 +275,7 @@ impl Learner {
         }
         let noise = Tensor::from_slice(&values).view_as(&state.cells).to_device(self.device);
         let noise = match &boundary.held {
-            Some(held) => noise * (1.0 - held),
+            Some(held) => noise * (1.0 - &**held),
             None => noise,
         };
         state.cells = &state.cells + noise;
@@ -294,23 +293,23 @@ impl Learner {
         let owners: Vec<Tensor> = samples
             .iter()
             .map(|s| {
-                let owners = &s.boundary.owners + first;
+                let owners = &*s.boundary.owners + first;
                 first += s.hosts[0].cells as i64;
                 owners
             })
             .collect();
-        let copies: Vec<&Tensor> = samples.iter().map(|s| &s.boundary.copies).collect();
+        let copies: Vec<&Tensor> = samples.iter().map(|s| &*s.boundary.copies).collect();
         let width = self.components.count as i64;
         let free = |s: &Sample| Tensor::zeros([s.hosts[0].cells as i64, width], (Kind::Float, self.device));
-        let held = |s: &&Sample| s.boundary.held.as_ref().map_or_else(|| free(s), Tensor::shallow_clone);
+        let held = |s: &&Sample| s.boundary.held.as_deref().map_or_else(|| free(s), Tensor::shallow_clone);
         let held: Option<Vec<Tensor>> =
             samples.iter().any(|s| s.boundary.held.is_some()).then(|| samples.iter().map(held).collect());
         (
             topology,
             Boundary {
-                owners: Tensor::cat(&owners, 0),
-                copies: Tensor::cat(&copies, 0),
-                held: held.map(|held| Tensor::cat(&held, 0)),
+                owners: Tensor::cat(&owners, 0).into(),
+                copies: Tensor::cat(&copies, 0).into(),
+                held: held.map(|held| Tensor::cat(&held, 0).into()),
             },
         )
     }

@@ -14,4 +14,5 @@ pub mod normaliser;
 pub mod processor;
 pub mod rollout;
 pub mod samples;
+pub mod shared;
 pub mod weights;

@@ -4,6 +4,7 @@
 //! block an operand, so that node blocks are multiplied once a node and gathered after, not once an edge.
 
 use crate::processor;
+use crate::shared::Shared;
 use crate::weights::Weights;
 use m4gn_model::{Activation, Architecture, MacroSpec, NodeSums};
 use tch::{Device, Kind, Tensor};
@@ -11,6 +12,7 @@ use tch::{Device, Kind, Tensor};
 /// One or more graphs as index and feature tensors; graphs are a disjoint union.
 ///
 /// Nodes: the cells of all graphs, then the boundary nodes of all graphs. Segments: K a graph.
+#[derive(Clone)]
 pub struct Topology {
     /// Graphs in the union.
     pub graphs: i64,
@@ -21,61 +23,63 @@ pub struct Topology {
     /// Segments of one graph, K: the most that any has; what a graph has fewer is behind its own.
     pub segments: i64,
     /// Minus infinity for segments that a graph does not have, 0 for others, `[graphs x 1 x 1 x K]`; none where each has all.
-    pub absent: Option<Tensor>,
+    pub absent: Option<Shared>,
     /// Sender of each edge, `[E]`.
-    pub senders: Tensor,
+    pub senders: Shared,
     /// Receiver of each edge, `[E]`.
-    pub receivers: Tensor,
+    pub receivers: Shared,
     /// Physical edge features `[E x (dim + 1)]`, then those of the coarser graphs; of bodies at points the senders' positions from the receivers' at rest
     /// `[E x 3]`, from which features are made for each displacement ([`crate::contact`]).
-    pub edges: Tensor,
+    pub edges: Shared,
     /// 1 for world edges, 0 for the mesh's, `[E x 1]`; of bodies at points only.
-    pub is_world: Option<Tensor>,
+    pub is_world: Option<Shared>,
     /// Node features that do not change with time `[N x n_static_features]`.
-    pub fixed: Tensor,
+    pub fixed: Shared,
     /// Node of each (node, segment) membership, `[M]`; none where each node has exactly one segment, its own row.
-    pub member_node: Option<Tensor>,
+    pub member_node: Option<Shared>,
     /// Segment of each membership, `[M]`.
-    pub member_segment: Tensor,
+    pub member_segment: Shared,
     /// 1 / members of each segment, `[graphs K x 1]`.
-    pub segment_weight: Tensor,
+    pub segment_weight: Shared,
     /// 1 / segments of each node, `[N x 1]`; used where a node can have several.
-    pub node_weight: Tensor,
+    pub node_weight: Shared,
     /// Nodes in the order in which a recurrence reads a segment, for networks that have one.
     pub sequence: Option<Sequence>,
     /// Positional encoding `[graphs K x n_position_features]`.
-    pub position: Option<Tensor>,
+    pub position: Option<Shared>,
     /// Coarser graphs, the finest first.
     pub levels: Vec<Level>,
     /// Graph of each node, and its number there in the order of places.
     pub choice: Vec<[u32; 2]>,
     /// Positional encoding of the nodes `[N x node_rwse_steps]`.
-    pub walk: Option<Tensor>,
+    pub walk: Option<Shared>,
 }
 
 /// What a recurrence reads of each segment.
+#[derive(Clone)]
 pub struct Sequence {
     /// Nodes, the first again where there are no more `[graphs K x longest]`.
-    pub nodes: Tensor,
+    pub nodes: Shared,
     /// The last step that counts `[graphs K x 1]`.
-    pub last: Tensor,
+    pub last: Shared,
 }
 
 /// A coarser graph, and the way between it and the next finer one: the sums of rows `finer` times `share` are rows `coarse`, and
 /// the transpose.
+#[derive(Clone)]
 pub struct Level {
     /// Nodes.
     pub nodes: i64,
     /// Sender of each edge.
-    pub senders: Tensor,
+    pub senders: Shared,
     /// Receiver of each edge.
-    pub receivers: Tensor,
+    pub receivers: Shared,
     /// Row of the finer graph of each term.
-    pub finer: Tensor,
+    pub finer: Shared,
     /// Row of this graph of each term.
-    pub coarse: Tensor,
+    pub coarse: Shared,
     /// Factor of each term `[terms x 1]`.
-    pub share: Tensor,
+    pub share: Shared,
 }
 
 /// Who hears whom.
@@ -89,55 +93,12 @@ pub(crate) struct Links<'a> {
 }
 
 impl Topology {
-    /// Another handle on the same tensors, for another thread.
-    pub fn share(&self) -> Self {
-        let clone = |t: &Option<Tensor>| t.as_ref().map(Tensor::shallow_clone);
-        Topology {
-            graphs: self.graphs,
-            nodes: self.nodes,
-            cells: self.cells,
-            segments: self.segments,
-            absent: clone(&self.absent),
-            senders: self.senders.shallow_clone(),
-            receivers: self.receivers.shallow_clone(),
-            edges: self.edges.shallow_clone(),
-            is_world: clone(&self.is_world),
-            fixed: self.fixed.shallow_clone(),
-            member_node: clone(&self.member_node),
-            member_segment: self.member_segment.shallow_clone(),
-            segment_weight: self.segment_weight.shallow_clone(),
-            node_weight: self.node_weight.shallow_clone(),
-            sequence: self.sequence.as_ref().map(Sequence::share),
-            position: clone(&self.position),
-            levels: self.levels.iter().map(Level::share).collect(),
-            choice: self.choice.clone(),
-            walk: clone(&self.walk),
-        }
-    }
-
     pub(crate) fn links(&self) -> Links<'_> {
         Links { nodes: self.nodes, senders: &self.senders, receivers: &self.receivers, is_world: None }
     }
 }
 
-impl Sequence {
-    fn share(&self) -> Self {
-        Sequence { nodes: self.nodes.shallow_clone(), last: self.last.shallow_clone() }
-    }
-}
-
 impl Level {
-    fn share(&self) -> Self {
-        Level {
-            nodes: self.nodes,
-            senders: self.senders.shallow_clone(),
-            receivers: self.receivers.shallow_clone(),
-            finer: self.finer.shallow_clone(),
-            coarse: self.coarse.shallow_clone(),
-            share: self.share.shallow_clone(),
-        }
-    }
-
     pub(crate) fn links(&self) -> Links<'_> {
         Links { nodes: self.nodes, senders: &self.senders, receivers: &self.receivers, is_world: None }
     }
@@ -243,7 +204,7 @@ impl<'a> Network<'a> {
 
     /// Which edges are world edges, where these have weights of their own.
     fn apart<'g>(&self, graph: &'g Topology) -> Option<&'g Tensor> {
-        graph.is_world.as_ref().filter(|_| self.architecture.edge_kinds() > 1)
+        graph.is_world.as_deref().filter(|_| self.architecture.edge_kinds() > 1)
     }
 
     /// Messages of the edges' features, where edges have no latents.
@@ -305,8 +266,8 @@ impl<'a> Network<'a> {
         let sum = |h: &Tensor| sum_into(graph.graphs * graph.segments, h, &graph.member_segment);
         let pooled = match (&graph.sequence, &graph.member_node) {
             (Some(sequence), _) => self.recurrence(sequence, h),
-            (None, Some(index)) => sum(&pick(h, index)) * &graph.segment_weight,
-            (None, None) => sum(h) * &graph.segment_weight,
+            (None, Some(index)) => sum(&pick(h, index)) * &*graph.segment_weight,
+            (None, None) => sum(h) * &*graph.segment_weight,
         };
         let mut s = self.encode("segment.encoder", &pooled).full;
         if let Some(position) = &graph.position {
@@ -323,7 +284,7 @@ impl<'a> Network<'a> {
             };
             let scores = split("q.weight").matmul(&split("k.weight").transpose(-1, -2)) * scale;
             let scores = match &graph.absent {
-                Some(absent) => scores + absent,
+                Some(absent) => scores + &**absent,
                 None => scores,
             };
             let mixed = scores
@@ -354,7 +315,7 @@ impl<'a> Network<'a> {
     pub(crate) fn to_nodes(&self, graph: &Topology, segments: &Tensor) -> Tensor {
         let rows = pick(segments, &graph.member_segment);
         match &graph.member_node {
-            Some(index) => sum_into(graph.nodes, &rows, index) * &graph.node_weight,
+            Some(index) => sum_into(graph.nodes, &rows, index) * &*graph.node_weight,
             None => rows,
         }
     }

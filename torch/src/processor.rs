@@ -69,14 +69,14 @@ fn bi_stride(levels: usize, network: &Network, graph: &Topology, mut h: Rows, ed
     for (l, links) in links.iter().enumerate() {
         network.feature_passing(l, *links, &mut h, &features[l]);
         if let Some(level) = graph.levels.get(l) {
-            let terms = pick(&h.full, &level.finer) * &level.share;
+            let terms = pick(&h.full, &level.finer) * &*level.share;
             left.push(h.full);
             h = network.rows(sum_into(level.nodes, &terms, &level.coarse));
         }
     }
     for (l, before) in left.iter().enumerate().rev() {
         let level = &graph.levels[l];
-        let terms = pick(&h.full, &level.coarse) * &level.share;
+        let terms = pick(&h.full, &level.coarse) * &*level.share;
         h = network.rows(sum_into(links[l].nodes, &terms, &level.finer));
         network.feature_passing(2 * levels - l, links[l], &mut h, &features[l]);
         h = network.rows(h.full + before);

@@ -3,6 +3,7 @@
 use crate::contact;
 use crate::network::{Network, Topology};
 use crate::normaliser::Scales;
+use crate::shared::Shared;
 use m4gn_base::Result;
 use m4gn_domain::{Components, Domain};
 use m4gn_model::{ModelSpec, Output};
@@ -17,24 +18,14 @@ pub struct State {
 }
 
 /// Boundary nodes of a union of graphs.
+#[derive(Clone)]
 pub struct Boundary {
     /// Owner cell of each boundary node, `[B]`.
-    pub owners: Tensor,
+    pub owners: Shared,
     /// 1 where the value is the owner's, 0 where it is prescribed, `[B x components]`.
-    pub copies: Tensor,
+    pub copies: Shared,
     /// 1 for values of points that are prescribed, `[C x components]`; none where all are predicted.
-    pub held: Option<Tensor>,
-}
-
-impl Boundary {
-    /// Another handle on the same tensors.
-    pub fn share(&self) -> Self {
-        Boundary {
-            owners: self.owners.shallow_clone(),
-            copies: self.copies.shallow_clone(),
-            held: self.held.as_ref().map(Tensor::shallow_clone),
-        }
-    }
+    pub held: Option<Shared>,
 }
 
 /// Index tensors and masks over components, made once.
@@ -142,7 +133,7 @@ impl Stepper {
             copies = &copies * (1.0 - given);
         }
         if let Some(held) = &boundary.held {
-            cells = &cells + (&next.cells - &cells) * held;
+            cells = &cells + (&next.cells - &cells) * &**held;
         }
         let boundary = Self::boundary_values(&cells, &boundary.owners, &copies, &next.boundary);
         State { cells, boundary }

@@ -2,6 +2,7 @@
 
 use crate::network::{Level, Sequence, Topology};
 use crate::rollout::{Boundary, State};
+use crate::shared::Shared;
 use m4gn_base::{Error, Result};
 use m4gn_domain::{Domain, MeshEdge, moves};
 use m4gn_model::ModelSpec;
@@ -22,7 +23,8 @@ pub struct HostGraph {
     types: Vec<usize>,
 }
 
-/// One recorded trajectory.
+/// One recorded trajectory; clones are handles on the same data.
+#[derive(Clone)]
 pub struct Sample {
     /// The graph and its reflection, for unions with others.
     pub hosts: [Arc<HostGraph>; 2],
@@ -148,7 +150,7 @@ impl HostGraph {
         let own_rows =
             member_node.iter().enumerate().all(|(i, &n)| n == i as i64) && member_node.len() == nodes;
         let n_position = spec.n_position_features() as i64;
-        let to = |t: Tensor| t.to_device(device);
+        let to = |t: Tensor| Shared::from(t.to_device(device));
         Topology {
             graphs: graphs.len() as i64,
             nodes: nodes as i64,
@@ -160,7 +162,8 @@ impl HostGraph {
             senders: to(Tensor::from_slice(&senders)),
             receivers: to(Tensor::from_slice(&receivers)),
             edges: to(Tensor::from_slice(&edges).view([-1, edge_width(spec) as i64])),
-            is_world: moves(spec).then(|| Tensor::zeros([edges.len() as i64 / 3, 1], (Kind::Float, device))),
+            is_world: moves(spec)
+                .then(|| Tensor::zeros([edges.len() as i64 / 3, 1], (Kind::Float, device)).into()),
             fixed: to(Tensor::from_slice(&fixed).view([nodes as i64, width as i64])),
             member_node: if own_rows { None } else { Some(to(Tensor::from_slice(&member_node))) },
             member_segment: to(Tensor::from_slice(&member_segment)),
@@ -190,7 +193,7 @@ impl HostGraph {
             (first_cell, first_boundary) = (cells.end, boundary.end);
             finer_place.push(cells.chain(boundary).collect());
         }
-        let to = |list: Vec<i64>| Tensor::from_slice(&list).to_device(device);
+        let to = |list: Vec<i64>| Shared::from(Tensor::from_slice(&list).to_device(device));
         let level = |l: usize| {
             let (mut senders, mut receivers, mut finer, mut coarse) = (vec![], vec![], vec![], vec![]);
             let (mut share, mut nodes) = (Vec::new(), 0);
@@ -215,7 +218,7 @@ impl HostGraph {
                 receivers: to(receivers),
                 finer: to(finer),
                 coarse: to(coarse),
-                share: Tensor::from_slice(&share).view([-1, 1]).to_device(device),
+                share: Tensor::from_slice(&share).view([-1, 1]).to_device(device).into(),
             }
         };
         (0..graphs.first().map_or(0, |g| g.structure.levels.len())).map(level).collect()
@@ -228,7 +231,8 @@ fn sequence(rows: &[Vec<i64>], device: Device) -> Option<Sequence> {
     let nodes: Vec<i64> =
         rows.iter().flat_map(|r| (0..longest).map(|t| r.get(t).map_or(r[0], |&n| n))).collect();
     let last: Vec<i64> = rows.iter().map(|r| r.len() as i64 - 1).collect();
-    let to = |values: &[i64], width: i64| Tensor::from_slice(values).view([-1, width]).to_device(device);
+    let to =
+        |values: &[i64], width: i64| Tensor::from_slice(values).view([-1, width]).to_device(device).into();
     Some(Sequence { nodes: to(&nodes, longest as i64), last: to(&last, 1) })
 }
 
@@ -257,27 +261,19 @@ impl Sample {
         Ok(Sample {
             topologies: [&host, &reflected].map(|h| HostGraph::union(&[h], spec, device)),
             boundary: Boundary {
-                owners: Tensor::from_slice(&owners).to_device(device),
-                copies: Tensor::from_slice(&floats(boundary.follows())).view([-1, width]).to_device(device),
+                owners: Tensor::from_slice(&owners).to_device(device).into(),
+                copies: Tensor::from_slice(&floats(boundary.follows()))
+                    .view([-1, width])
+                    .to_device(device)
+                    .into(),
                 held: held
                     .contains(&true)
-                    .then(|| Tensor::from_slice(&floats(&held)).view([-1, width]).to_device(device)),
+                    .then(|| Tensor::from_slice(&floats(&held)).view([-1, width]).to_device(device).into()),
             },
             recorded: sample.clone(),
             domains,
             hosts: [host, reflected].map(Arc::new),
         })
-    }
-
-    /// Another handle on the same data, for another thread.
-    pub fn share(&self) -> Self {
-        Sample {
-            hosts: self.hosts.clone(),
-            topologies: [0, 1].map(|i| self.topologies[i].share()),
-            boundary: self.boundary.share(),
-            recorded: self.recorded.clone(),
-            domains: self.domains.clone(),
-        }
     }
 
     /// The domain, or its reflection.
