@@ -1,13 +1,13 @@
 //! A file of others into trajectories of m4gn.
 
 use super::bodies::Bodies;
-use super::copies::Copies;
 use super::points::Points;
 use super::tfrecord::TfRecord;
-use super::{Array, Arrays, npz};
+use super::{Arrays, copies, npz};
 use m4gn_base::digest::Digest;
 use m4gn_base::{Error, Result, refuse};
 use m4gn_data::{Split, Trajectory};
+use std::iter;
 use std::path::{Path, PathBuf};
 
 /// Poisson's ratio of bodies whose material is not known.
@@ -27,36 +27,16 @@ pub struct Options {
 }
 
 /// A file's trajectories, one after the other.
-enum Source {
-    TfRecord(TfRecord),
-    Copies(Copies),
-    Single(Option<Arrays>),
-}
-
-impl Source {
-    fn open(path: &Path) -> Result<Self> {
-        match path.extension().and_then(|e| e.to_str()) {
-            Some("tfrecord") => Ok(Source::TfRecord(TfRecord::open(path)?)),
-            Some("npz") => Ok(Source::Single(Some(npz::read(path)?))),
-            Some("h5" | "hdf5") => Ok(Source::Copies(Copies::open(path)?)),
-            _ => Err(Error::file(path, "expected a file whose name ends in .tfrecord, .npz or .h5")),
+fn trajectories(path: &Path) -> Result<Box<dyn Iterator<Item = Result<Arrays>> + '_>> {
+    Ok(match path.extension().and_then(|e| e.to_str()) {
+        Some("tfrecord") => {
+            let mut records = TfRecord::open(path)?;
+            Box::new(iter::from_fn(move || records.next_arrays().transpose()))
         }
-    }
-
-    fn next_arrays(&mut self) -> Result<Option<Arrays>> {
-        match self {
-            Source::TfRecord(records) => {
-                let dt = records.meta().dt.map(|dt| Array { shape: vec![], data: vec![dt] });
-                let arrays = records.next_arrays()?;
-                Ok(arrays.map(|mut arrays| {
-                    arrays.extend(dt.map(|dt| ("dt".to_string(), dt)));
-                    arrays
-                }))
-            }
-            Source::Copies(copies) => copies.next_arrays(),
-            Source::Single(arrays) => Ok(arrays.take()),
-        }
-    }
+        Some("npz") => Box::new(iter::once(Ok(npz::read(path)?))),
+        Some("h5" | "hdf5") => Box::new(copies::read(path)?),
+        _ => return Err(Error::file(path, "expected a file whose name ends in .tfrecord, .npz or .h5")),
+    })
 }
 
 /// Writes each trajectory of a file: the only one to `out` where that is the name of a file (`*.h5`), else into that folder, as
@@ -77,12 +57,12 @@ pub fn import(
     let split = options.split.or(named).unwrap_or(Split::Train);
     let from = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let single = out.extension().is_some_and(|e| e == "h5");
-    let mut source = Source::open(path)?;
+    let mut source = trajectories(path)?;
     let mut count = 0;
     while options.count.is_none_or(|most| count < most) {
-        let Some(arrays) = source.next_arrays()? else { break };
+        let Some(arrays) = source.next().transpose()? else { break };
         // Before the first is written
-        if single && options.count != Some(1) && source.next_arrays()?.is_some() {
+        if single && options.count != Some(1) && source.next().transpose()?.is_some() {
             return Err(Error::file(
                 path,
                 format!(

@@ -114,7 +114,7 @@ impl Points {
 }
 
 /// Arrays that are no fields.
-const STRUCTURE: [&str; 5] = ["mesh_pos", "pos", "cells", "faces", "node_type"];
+pub(super) const STRUCTURE: [&str; 5] = ["mesh_pos", "pos", "cells", "faces", "node_type"];
 
 /// Places at rest of `dim` numbers a point, cells of so many corners, and the node types.
 pub(super) fn structure<'a>(

@@ -45,15 +45,7 @@ impl TfRecord {
         Ok(TfRecord { path: path.into(), meta, file: BufReader::new(file), length, offset: 0, record: 0 })
     }
 
-    /// What `meta.json` says.
-    pub fn meta(&self) -> &Meta {
-        &self.meta
-    }
-
-    /// The next trajectory; none at the end of the file.
-    ///
-    /// # Errors
-    /// [`Error::File`] naming the record and the byte of the file.
+    /// The next trajectory, with the `dt` of `meta.json`; none at the end of the file.
     pub fn next_arrays(&mut self) -> Result<Option<Arrays>> {
         let (start, record) = (self.offset, self.record);
         let Some(bytes) = self.next_record()? else { return Ok(None) };
@@ -73,7 +65,8 @@ impl TfRecord {
                 feature.array(parts).map_err(|what| wrong((*at, format!("feature `{name}`: {what}"))))?;
             Ok((name.clone(), array))
         });
-        arrays.collect::<Result<_>>().map(Some)
+        let dt = self.meta.dt.map(|dt| Ok(("dt".to_string(), Array { shape: vec![], data: vec![dt] })));
+        arrays.chain(dt).collect::<Result<_>>().map(Some)
     }
 
     fn next_record(&mut self) -> Result<Option<Vec<u8>>> {
