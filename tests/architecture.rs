@@ -1,5 +1,6 @@
 //! What ARCHITECTURE.md says of the rooms is what the build lets them import.
 
+use super::tree::{files, read, root};
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
@@ -7,11 +8,6 @@ use std::{
 };
 
 type Rooms = BTreeMap<String, BTreeSet<String>>;
-
-fn read(path: impl AsRef<Path>) -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(path);
-    fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
-}
 
 fn names(text: &str, separators: &[char]) -> BTreeSet<String> {
     let words = text.split(separators).map(str::trim).filter(|w| !w.is_empty());
@@ -59,8 +55,7 @@ fn dependencies(room: &str) -> BTreeSet<String> {
 
 /// What the Cargo.toml of each room in src/ lets it import.
 fn crates() -> Rooms {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../src");
-    let folders = fs::read_dir(root).unwrap();
+    let folders = fs::read_dir(root().join("src")).unwrap();
     let rooms = folders.map(|entry| entry.unwrap().file_name().into_string().unwrap());
     let imports = |room: String| {
         let all = dependencies(&room);
@@ -131,15 +126,6 @@ fn what_the_solver_loads_draws_nothing() {
     }
 }
 
-/// The Rust files below a folder.
-fn sources(folder: &Path) -> Vec<PathBuf> {
-    let below = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-    below
-        .flat_map(|path| if path.is_dir() { sources(&path) } else { vec![path] })
-        .filter(|path| path.extension().is_some_and(|end| end == "rs"))
-        .collect()
-}
-
 /// The lints of the workspace deny `unsafe` but where a module allows it.
 #[test]
 fn unsafe_code_is_allowed_where_the_architecture_says() {
@@ -153,11 +139,9 @@ fn unsafe_code_is_allowed_where_the_architecture_says() {
         }
         None => vec![path.to_owned()],
     });
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let allowed = sources(&root.join("src")).into_iter().filter(|path| {
-        let text = fs::read_to_string(path).unwrap();
-        text.contains("allow(unsafe_code")
-    });
+    let root = root();
+    let sources = files(&["src"], &["rs"]).into_iter();
+    let allowed = sources.filter(|path| read(path).contains("allow(unsafe_code"));
     let places = allowed.map(|path| {
         let path = path.strip_prefix(&root).unwrap();
         let whole = path.ends_with("lib.rs") || path.ends_with("mod.rs");
@@ -169,9 +153,8 @@ fn unsafe_code_is_allowed_where_the_architecture_says() {
 
 /// The folders of openfoam/, and that of the bridge.
 fn openfoam_folders() -> Vec<PathBuf> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let below = fs::read_dir(root.join("openfoam")).unwrap().map(|entry| entry.unwrap().path());
-    below.chain([root.join("cpp/bridge")]).collect()
+    let below = fs::read_dir(root().join("openfoam")).unwrap().map(|entry| entry.unwrap().path());
+    below.chain([root().join("cpp/bridge")]).collect()
 }
 
 fn room_of(folder: &Path) -> String {

@@ -1,34 +1,12 @@
 //! The pages: links lead somewhere, commands and entries exist, the README is short.
 
+use super::tree::{files, read, root};
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
     path::{Component, Path, PathBuf},
     process::Command,
 };
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
-}
-
-fn read(path: &Path) -> String {
-    fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
-}
-
-/// All files below these folders of the tree with one of these endings.
-fn files(folders: &[&str], endings: &[&str]) -> Vec<PathBuf> {
-    let mut open: Vec<PathBuf> = folders.iter().map(|f| root().join(f)).filter(|f| f.exists()).collect();
-    let mut found = Vec::new();
-    while let Some(path) = open.pop() {
-        if path.is_dir() {
-            open.extend(fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().path()));
-        } else if path.extension().is_some_and(|e| endings.iter().any(|end| e == *end)) {
-            found.push(path);
-        }
-    }
-    found.sort();
-    found
-}
 
 const FOLDERS: [&str; 12] = [
     "docs", "models", "openfoam", "bench", "configs", "cpp", "examples", "setup", "src", "tests", "tools",
@@ -136,7 +114,7 @@ fn files_of_the_tree_that_pages_name_are_there() {
 
 #[test]
 fn the_readme_is_read_in_two_minutes() {
-    let text = read(&root().join("README.md"));
+    let text = read("README.md");
     assert!(text.lines().count() <= 120, "README.md has {} lines", text.lines().count());
     assert!(
         text.split_whitespace().count() <= 1300,
@@ -217,7 +195,7 @@ fn names_of_commands() -> BTreeSet<String> {
 /// Below `**m4gn COMMAND ...**` a table has the command's options in its first column; none is left out.
 #[test]
 fn options_of_the_reference_are_those_of_the_commands() {
-    let text = read(&root().join("docs/reference/command-line.md"));
+    let text = read("docs/reference/command-line.md");
     let mut stale = Vec::new();
     let mut listed = BTreeSet::new();
     let mut documented = BTreeSet::new();
@@ -269,7 +247,7 @@ fn entries(text: &str) -> Vec<String> {
 
 #[test]
 fn entries_of_the_book_are_in_the_dictionary() {
-    let dictionary = read(&root().join("docs/reference/dictionary.md"));
+    let dictionary = read("docs/reference/dictionary.md");
     let documented: BTreeSet<&str> = dictionary.split('`').skip(1).step_by(2).collect();
     let (mut stale, mut seen) = (Vec::new(), 0);
     for page in files(&["docs/tutorials", "docs/how-to", "README.md"], &["md"]) {
@@ -289,7 +267,7 @@ fn entries_of_the_book_are_in_the_dictionary() {
 
 /// Names of the fields of a struct that a configuration is read into.
 fn keys(file: &str, name: &str) -> BTreeSet<String> {
-    let text = read(&root().join(file));
+    let text = read(file);
     let (_, rest) =
         text.split_once(&format!("pub struct {name} {{\n")).unwrap_or_else(|| panic!("{file}: {name}"));
     let lines = rest.lines().take_while(|line| *line != "}");
@@ -299,7 +277,7 @@ fn keys(file: &str, name: &str) -> BTreeSet<String> {
 
 #[test]
 fn keys_of_a_training_are_in_the_reference() {
-    let page = read(&root().join("docs/reference/training.md"));
+    let page = read("docs/reference/training.md");
     let documented: BTreeSet<&str> = page.split('`').skip(1).step_by(2).collect();
     for (file, name) in [
         ("src/learn/config.rs", "TrainingConfig"),
@@ -315,8 +293,8 @@ fn keys_of_a_training_are_in_the_reference() {
 
 #[test]
 fn calls_of_the_c_abi_exist() {
-    let header = read(&root().join("cpp/include/m4gn.h"));
-    let page = read(&root().join("docs/reference/c-abi.md"));
+    let header = read("cpp/include/m4gn.h");
+    let page = read("docs/reference/c-abi.md");
     let words = page.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
     let named: BTreeSet<&str> = words.filter(|w| w.starts_with("m4gn_") || w.starts_with("M4GN_")).collect();
     let gone: Vec<_> = named.iter().filter(|name| !header.contains(**name)).collect();

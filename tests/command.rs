@@ -13,3 +13,4 @@ mod program;
 mod segment;
 mod study;
 mod train;
+mod tree;

@@ -4,11 +4,14 @@
 //! A table stands between a line with `[table SOURCE...]` and one with `[end]`. A source is the name of a struct's table or of a class;
 //! `-entry` leaves one out.
 
+mod tree;
+
 use m4gn_base::settings::table::{Entry, Table};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+use tree::{files, read};
 
 /// A row as the tables have it; texts with their code in backticks.
 #[derive(Clone, Debug)]
@@ -30,26 +33,10 @@ enum Form {
     C,
 }
 
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
-
-/// All files below these folders with one of these endings.
+/// The texts of all files below these folders with one of these endings.
 fn texts(folders: &[&str], endings: &[&str]) -> BTreeMap<PathBuf, String> {
-    let mut open: Vec<PathBuf> = folders.iter().map(|f| root().join(f)).filter(|f| f.is_dir()).collect();
-    let mut found = BTreeMap::new();
-    while let Some(folder) = open.pop() {
-        for entry in fs::read_dir(&folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                open.push(path);
-            } else if path.extension().is_some_and(|e| endings.iter().any(|end| e == *end)) {
-                let text = fs::read_to_string(&path).unwrap();
-                found.insert(path, text);
-            }
-        }
-    }
-    found
+    let files = files(folders, endings).into_iter();
+    files.map(|path| (path.clone(), read(path))).collect()
 }
 
 fn classes() -> BTreeMap<PathBuf, String> {
@@ -302,7 +289,7 @@ fn tables_are_those_of_the_settings() {
 
 /// Entries of the dictionary that stand in tables, made or not.
 fn documented() -> BTreeSet<String> {
-    let text = fs::read_to_string(root().join("docs/reference/dictionary.md")).unwrap();
+    let text = read("docs/reference/dictionary.md");
     let (mut entries, mut table) = (BTreeSet::new(), false);
     for line in text.lines() {
         match line.strip_prefix('|').and_then(|rest| rest.split('|').next()) {
