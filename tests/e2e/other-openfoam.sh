@@ -16,10 +16,9 @@ for name in OpenFOAM Pstream $names; do
 done
 runs cmake -S "$M4GN_HOME/openfoam" -B build -G Ninja -DCMAKE_BUILD_TYPE=None
 grep -q "$(sed -n 's/^api=//p' foam/META-INFO/api-info)" build/build.ninja || fail "another version of OpenFOAM was configured"
-objects=$(ninja -C build -t targets all | sed -n 's/^\(.*\.C\.o\): .*/\1/p')
-[ "$(wc -l <<< "$objects")" -gt 40 ] || fail "$(wc -l <<< "$objects") objects to compile"
-# shellcheck disable=SC2086  # one word an object
-runs ninja -C build -k 0 $objects
+runs ninja -C build -k 0 objects
+rooms=$(find build -name '*.o' | wc -l)
+[ "$rooms" -gt 10 ] || fail "$rooms rooms were compiled"
 # What cxx has made of the bridge's lib.rs is the same for all versions
 foam=$("$M4GN_HOME/setup/openfoam.sh" --export)
 eval "$foam"
@@ -30,4 +29,4 @@ printf '#include "%s"\n' "$M4GN_HOME"/cpp/bridge/*.C > bridge.C
 runs c++ -std=c++"$M4GN_FOAM_CXXSTD" -fsyntax-only -Wall $(printf -- '-D%s ' $M4GN_FOAM_DEFINES) -isystem "$bridge" \
     -I"$M4GN_HOME/cpp/bridge" -I"$M4GN_HOME/openfoam/case" -I"$M4GN_HOME/cpp/include" \
     $(sed 's/^/-isystem /; s/:/ -isystem /g' <<< "$M4GN_FOAM_INCLUDES") bridge.C
-echo "other-openfoam: $(wc -l <<< "$objects") files and the bridge compile with OpenFOAM $(sed -n 's/^api=//p' foam/META-INFO/api-info)"
+echo "other-openfoam: $rooms rooms and the bridge compile with OpenFOAM $(sed -n 's/^api=//p' foam/META-INFO/api-info)"
