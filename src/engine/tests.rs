@@ -184,8 +184,14 @@ pub(super) fn networks() -> Vec<(String, ModelSpec, bool)> {
         s.architecture.kind = Kind::MeshGraphNet { layers: 2 };
     });
     let (whole, alone) = (spec().architecture.kind, |layers| Kind::MeshGraphNet { layers });
-    for (kind, width) in [(alone(1), 8), (alone(3), 8), (alone(2), 81), (whole.clone(), 8)] {
-        add("node sums before", kind == whole, &|s| {
+    for (kind, width, overlap) in [
+        (alone(1), 8, false),
+        (alone(3), 8, false),
+        (alone(2), 81, false),
+        (whole.clone(), 8, false),
+        (whole.clone(), 8, true),
+    ] {
+        add("node sums before", overlap, &|s| {
             s.architecture.micro.node_sums = NodeSums::Before;
             (s.architecture.kind, s.architecture.width) = (kind.clone(), width);
         });
@@ -195,26 +201,31 @@ pub(super) fn networks() -> Vec<(String, ModelSpec, bool)> {
             (s.architecture.kind, s.architecture.width) = (Kind::Gcn { layers }, width);
         });
     }
-    for (levels, width, hidden) in [(1, 8, 2), (3, 20, 1), (6, 8, 1), (9, 81, 1)] {
+    for (levels, width, hidden) in [(1, 8, 1), (1, 8, 2), (3, 20, 1), (6, 8, 1), (9, 81, 1)] {
         add("bsms-gnn", false, &|s| {
             (s.architecture.kind, s.architecture.width) = (Kind::BsmsGnn { levels }, width);
             s.architecture.hidden_layers = hidden;
         });
     }
-    for (width, heads, overlap) in [(8, 4, false), (20, 4, true), (81, 1, true)] {
+    for (width, heads, overlap) in [(8, 1, false), (8, 4, false), (20, 4, true), (81, 1, true)] {
         add("eagle", overlap, &|s| {
             m4gn(s).segment_transformer.heads = heads;
             (s.architecture.kind, s.architecture.width) = (Kind::Eagle(m4gn(s).clone()), width);
         });
     }
-    for (levels, width, hidden) in [(1, 8, 2), (3, 20, 1), (4, 20, 1)] {
+    for (levels, width, hidden) in [(1, 8, 1), (1, 8, 2), (3, 20, 1), (4, 20, 1)] {
         add("g-u-net", false, &|s| {
             (s.architecture.kind, s.architecture.width) = (Kind::GUNet { levels }, width);
             s.architecture.hidden_layers = hidden;
         });
     }
-    for (kind, width, hidden) in [(whole.clone(), 8, 1), (Kind::Gcn { layers: 2 }, 8, 2), (alone(2), 81, 1)] {
-        add("node positions", kind == whole, &|s| {
+    for (kind, width, hidden, overlap) in [
+        (whole.clone(), 8, 1, false),
+        (whole.clone(), 8, 1, true),
+        (Kind::Gcn { layers: 2 }, 8, 2, false),
+        (alone(2), 81, 1, false),
+    ] {
+        add("node positions", overlap, &|s| {
             s.architecture.micro.node_rwse_steps = 6;
             (s.architecture.kind, s.architecture.width) = (kind.clone(), width);
             s.architecture.hidden_layers = hidden;
@@ -223,8 +234,13 @@ pub(super) fn networks() -> Vec<(String, ModelSpec, bool)> {
     for other in bodies_of_other_kinds() {
         add("bodies", false, &|s| *s = other.clone());
     }
-    for (sums, width) in [(NodeSums::After, 8), (NodeSums::Before, 8), (NodeSums::Before, 81)] {
-        add("world edges apart", sums == NodeSums::After, &|s| {
+    for (sums, width, overlap) in [
+        (NodeSums::After, 8, false),
+        (NodeSums::After, 8, true),
+        (NodeSums::Before, 8, false),
+        (NodeSums::Before, 81, false),
+    ] {
+        add("world edges apart", overlap, &|s| {
             *s = apart();
             s.architecture.micro.node_sums = sums;
             if width == 81 {
@@ -246,6 +262,11 @@ pub(super) fn networks() -> Vec<(String, ModelSpec, bool)> {
 fn specs() -> Vec<(ModelSpec, bool)> {
     let mut all: Vec<(ModelSpec, bool)> =
         networks().into_iter().map(|(_, s, overlap)| (s, overlap)).collect();
+    // A few units of eight bits say little about its gradient
+    let mut deep = spec();
+    (deep.architecture.width, deep.architecture.hidden_layers) = (20, 2);
+    deep.architecture.kind = Kind::BsmsGnn { levels: 3 };
+    all.push((deep, false));
     for hidden_layers in [1, 2, 3] {
         for activation in [Activation::Relu, Activation::Silu] {
             for (layers_after, width) in [(0, 8), (1, 20), (2, 64), (0, 128), (1, 81)] {
